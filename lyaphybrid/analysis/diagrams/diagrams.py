@@ -49,7 +49,7 @@ from .strobes import RunEnd, StrobeResults, StrobeRun, parameter_in, placed, run
 __all__ = ["BifurcationDiagram", "bifurcation_diagram", "only_parameter"]
 
 START_KINDS = ("random", "up", "down")
-ATTEMPTS_PER_CROSSING = 10_000  # attempts of a step for each crossing of a section, in case there is none
+ATTEMPTS_OF_CROSSING = 100_000  # most attempts of a step until a section is crossed, in case it never is
 MISSING = -1  # status of a lane that was not computed
 
 
@@ -147,7 +147,11 @@ class BifurcationDiagram(Result):
         failed = sum(name in STATUS.__members__ or name == "interrupted" for name in self.labels.flat)
         title = f"Bifurcation diagram over {self.parameter}: {values} values, {starts} runs each, {failed} failed"
         pairs = zip(self.values, self.attractors(), strict=True)
-        return Table(title, [(f"{value:.6g}", found) for value, found in pairs])
+        others = [kind for kind in self.kinds if kind != "random"]
+        counted = starts - len(others)
+        notes = [f"counted: the {counted} random starts, not those that follow {' and '.join(others)}"]
+        rows = [(f"{value:.6g}", found) for value, found in pairs]
+        return Table(title, rows, notes if counted and others else [])
 
     def _data(self) -> Data:
         run, unit = ("value", "start"), self.state_labels.time_unit
@@ -234,7 +238,8 @@ def bifurcation_diagram(
         k: number of exponents; None: n.
         mode: mode at the start, where there are several and the system does not determine it.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`.
-        max_steps: most attempts of a step in one run; None: no limit, but 10 000 a crossing for a section.
+        max_steps: most attempts of a step in one run; None: no limit, but a section must be crossed within 100 000, or
+            the run ends as `no_more_jumps`.
         key: a `jax.random.key` for the starts; None: ``jax.random.key(0)``.
         progress: True for a bar, or a function of the fraction done.
 
@@ -364,8 +369,8 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
     crosses = period is None
     jumps_too = crosses and len(problem.system.transitions) > 1  # then crossings are told from other jumps by a log
     plan = problems.RunPlan(qr_schedule=qr_schedule, count_jumps=crosses, log=MOST_AT_ONCE if jumps_too else 0)
-    limit = ATTEMPTS_PER_CROSSING * how.ends[-1] if max_steps is None and period is None else max_steps
-    limit = np.int32(driver.FOREVER if limit is None else min(limit, driver.FOREVER))
+    how = how._replace(most=ATTEMPTS_OF_CROSSING if crosses and max_steps is None else None)
+    limit = np.int32(driver.FOREVER if max_steps is None else min(max_steps, driver.FOREVER))
     # Numbers as arrays, so that other values compile nothing new.
     period = period if period is None or callable(period) else array(period, dtype)
     return problem, plan, how, period, t0, frame, array(interval, dtype), mode, limit

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...engine import beginning, binding, loop, problems
+from ...engine.host.driver import FOREVER
 from ...engine.states import BlockRecord
 from ...results import averages
 from ...statuses import OK, RUNNING, STATUS
@@ -47,6 +48,7 @@ class StrobeSettings(NamedTuple):
     transient: int  # periods
     ends: tuple[int, ...]  # ends of the blocks, in periods
     samples: int
+    most: int | None = None  # attempts until a section is crossed; None: any number
 
 
 class StrobeResults(NamedTuple):
@@ -113,16 +115,17 @@ def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
     else:
         mode = jnp.where(carries_on, state.mode, jnp.asarray(mode, jnp.int32))
     loop_state = beginning.initial_loop_state(settings, t0, x, frame, mode, None, interval)
-    multiples, wanted = np.asarray(how.ends, x.dtype), np.diff(how.ends, prepend=0).astype(np.int32)
+    multiples, wanted = np.asarray(how.ends, x.dtype), np.diff(how.ends, prepend=0)
+    most = np.minimum(FOREVER, np.full(len(wanted), FOREVER) if how.most is None else how.most * wanted)
     if period is None:  # crossings: the jumps of a flow, see `_crossed` for systems with others
         targets = np.full_like(multiples, np.inf), multiples
     else:
         ends = multiples * (period(args) if callable(period) else period)
         targets = ends, multiples
-    loop_state, turns, records, points = _blocks(settings, loop_state, how.angles, (*targets, wanted), limit)
-    status = jnp.where(
-        (loop_state.carry.status == RUNNING) & ~records.valid[-1], int(STATUS.max_steps), loop_state.carry.status
-    )
+    targets = *targets, wanted.astype(np.int32), most.astype(np.int32)
+    loop_state, turns, records, points = _blocks(settings, loop_state, how.angles, targets, limit)
+    ended = int(STATUS.max_steps if how.most is None else STATUS.no_more_jumps)
+    status = jnp.where((loop_state.carry.status == RUNNING) & ~records.valid[-1], ended, loop_state.carry.status)
     failed = (status != OK) & (status != int(STATUS.terminated))
     whole = attractors.turns_of(x.shape[0], how.angles)
     lifetime = attractors.lifetime(jnp, points, np.asarray(how.ends), whole, how.samples)
@@ -141,15 +144,16 @@ def _blocks(settings, loop_state, angles, targets, limit):
 
     def block(state, target):
         loop_state, turns, budget = state
-        end, last, wanted = target
+        end, last, wanted, most = target
+        given = jnp.minimum(budget, most)
         if settings.log:
-            loop_state, record, x = _crossed(settings, loop_state, wanted, budget)
+            loop_state, record, x = _crossed(settings, loop_state, wanted, given)
         else:
-            loop_state, record = _advanced(settings, loop_state, end, last, budget)
+            loop_state, record = _advanced(settings, loop_state, end, last, given)
             x = loop_state.carry.x
         carry = loop_state.carry
         good = record.valid & (carry.status == RUNNING)
-        budget, whole = jnp.where(good, carry.budget, 0), turns
+        budget, whole = jnp.where(good, budget - given + carry.budget, 0), turns
         if columns:
             more = jnp.zeros_like(turns)
             for i in columns:

@@ -93,6 +93,17 @@ def test_a_motion_that_never_crosses_says_so():
     assert np.all(np.isnan(found.points))
 
 
+@pytest.mark.parametrize("system", [CLOCK, lh.Flow(lambda t, x, args: jnp.stack([x[1], args["kick"] - x[0] - x[1]]))])
+def test_a_section_that_is_not_met_again_soon_ends_the_run(system):
+    """Without max_steps it is given up after a number of steps, not after that for all crossings that are wanted."""
+    how = HOW | {"mode": "up" if system is CLOCK else None, "over": {"kick": [0.5]}, "t1": 20_000}
+    found = lh.bifurcation_diagram(
+        system, [[0.2, 1.0], [0.3, 2.0]], {"kick": 0.0}, section=lambda t, x, args: x[0] - 10.0, **how
+    )
+    assert found.attractors() == ["no_more_jumps:2"]
+    assert "counted: the 2 random starts, not those that follow up and down" in str(found)
+
+
 def test_a_threshold_that_moves_over_a_state_makes_no_hysteresis():
     """V' = I − V and a spike to 0 at V = θ < I: a state above a lower θ would rise to I and never fire again."""
     neuron = lh.Hybrid(

@@ -279,6 +279,19 @@ def test_an_equilibrium_has_no_period(x0):
         lh.floquet(sink, x0)
 
 
+@pytest.mark.parametrize("transient", [0.0, 300.0, 3000.0])
+def test_a_motion_that_has_come_to_rest_has_no_period(transient):
+    """A focus not at zero, a spike that is not reached; and a node at zero, where the state underflows at last."""
+    focus = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[0] ** 2 - 0.25 - x[1], 0.3 * (0.1 * x[0] - x[1])]),
+        lh.Transition(lambda t, x, args: 30.0 - x[0], lambda t, x, args: x),
+    )
+    node = lh.Flow(lambda t, x, args: -0.5 * x)
+    for system, start in ((focus, [-0.3, 0.0]), (node, [1.0])):
+        with pytest.raises(lh.NoPeriodicOrbitError, match="at rest|did not come back"):
+            lh.floquet(system, start, transient=transient)
+
+
 @pytest.mark.slow
 def test_an_orbit_beyond_a_guard_says_so():
     """A switch that is to open where the current is above a ramp; the start is above it, and so is the whole orbit."""

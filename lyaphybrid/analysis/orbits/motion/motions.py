@@ -127,11 +127,15 @@ class Motion(NamedTuple):
         problem, t = self.problem, array(node.t, node.x.dtype)
         return np.asarray(acceleration(problem.system, t, node.x, problem.args, self.mode(node)))
 
+    def slope(self, node: Node) -> np.ndarray:
+        """The derivative (n, n) of the field, or of a map's rule, by the state at a point."""
+        x = as_jax(np.asarray(node.x))
+        args = self.problem.args
+        return np.asarray(slope_of(self.problem.system, array(node.t, x.dtype), x, args, self.mode(node)))
+
     def mixing(self, node: Node, matrix: np.ndarray, length: float) -> np.ndarray:
         """What components make of each other (n, n) on a way of a length, with the derivative `matrix` (n, n)."""
-        x = as_jax(np.asarray(node.x))
-        slope = slope_of(self.problem.system, array(node.t, x.dtype), x, self.problem.args, self.mode(node))
-        return mixing_of(matrix, np.asarray(slope), 1.0 if isinstance(self.problem.system, Map) else length)
+        return mixing_of(matrix, self.slope(node), 1.0 if isinstance(self.problem.system, Map) else length)
 
     def _field(self, node: Node):
         return fields_of(self.problem.system)[self.mode(node)]
