@@ -59,6 +59,11 @@ class ParameterBounds(NamedTuple):
         longest[free] = HALF * np.abs(u[free])
         return longest
 
+    def sizes(self, theta: np.ndarray) -> np.ndarray:
+        """(p,) the size of each parameter θ without bounds; 1 of one that is zero, and in coordinates between bounds."""
+        free = ~np.any(self._kinds(), axis=0)
+        return np.where(free & (theta != 0), np.abs(theta), 1.0)
+
     def both(self) -> tuple[np.ndarray, np.ndarray]:
         """The bounds of the only parameter."""
         good = len(self.low) == 1 and bool(np.isfinite(self.low[0]) and np.isfinite(self.high[0]))

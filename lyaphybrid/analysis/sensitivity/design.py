@@ -33,7 +33,7 @@ EXACT = 1e-12  # difference from the target, relative to 1 + |target|, that coun
 NOISE = 1.0  # … and the same in standard errors of the exponent
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
 ALL_STEPS = "all steps made"
-RATE = 0.1  # learning rate of the default optimiser, Adam, in the unbounded coordinates
+RATE = 0.1  # learning rate of the default optimiser, Adam: a step changes what has no bounds by a tenth of itself
 WHOLE = (STATUS.ok, STATUS.terminated)  # status of a run that reached its end
 
 
@@ -158,7 +158,8 @@ def design(
     itself (a distance from a bound by at most a factor e²) and is halved until the difference decreases. The search
     ends when the difference is of the size of rounding, or below a standard error.
 
-    A function (exponents (k,), args) -> number is minimised by gradient descent.
+    A function (exponents (k,), args) -> number is minimised by gradient descent: by default with steps of a tenth of
+    a parameter, or in its coordinate between bounds.
 
     optimiser="bisection" finds where λ₁ passes one number between two bounds, without derivatives: also where λ₁ is not
     smooth, as at the edge of chaos.
@@ -246,10 +247,11 @@ def design(
         import optax  # here, because the import is slow, and few need it
 
         objective = target if callable(target) else lambda exponents, args: jnp.sum((exponents - goal) ** 2)
+        units = limits.sizes(case.theta) if optimiser is None else np.ones(len(case.theta))
         optimiser = optax.adam(RATE) if optimiser is None else optimiser
         good = isinstance(optimiser, optax.GradientTransformation)
         require(good, f'optimiser must be of optax, as optax.adam(0.01), "bisection" or None; got {optimiser!r}.')
-        search = functools.partial(_descent, with_slopes, objective, case, limits, optimiser, steps)
+        search = functools.partial(_descent, with_slopes, objective, case, limits, optimiser, units, steps)
     try:
         end, reached, reasons = search()
         report(1.0)
@@ -312,25 +314,27 @@ def _newton(look: Callable, goal, limits: ParameterBounds, first, steps: int):
             if np.linalg.norm(there.value - goal) < distance or _near(there, goal):
                 break
         else:
-            return here, False, (f"no step comes nearer than {distance:.3g}: λ may have an extremum here{failure}",)
+            few = f"{len(goal)} targets, {len(u)} parameters: the least squares of what is missed"
+            why = few if len(goal) > len(u) else "λ may have an extremum here"
+            return here, False, (f"no step comes nearer than {distance:.3g}: {why}{failure}",)
         here, u = there, ahead
     return here, _near(here, goal), (f"{steps} steps",)
 
 
 def _descent(
-    look: Callable, objective: Callable, case: ExponentFunction, limits: ParameterBounds, optimiser, steps: int
+    look: Callable, objective: Callable, case: ExponentFunction, limits: ParameterBounds, optimiser, units, steps: int
 ):
-    """Steps of an optimiser; returns the best point."""
+    """Steps of an optimiser, which sees the unbounded coordinates in these units (p,); returns the best point."""
 
     def of_all(value, theta):
         return objective(value, case.args_of(theta))
 
-    u = jnp.asarray(limits.unbounded(case.theta))
+    u = jnp.asarray(limits.unbounded(case.theta) / units)
     state, best, least = optimiser.init(u), None, np.inf
     here, slope = None, np.zeros(0)
     for _ in range(steps):
         try:
-            here = look(limits.bounded(np.asarray(u)))
+            here = look(limits.bounded(units * np.asarray(u)))
         except LyaphybridError as failed:
             if best is None:
                 raise
@@ -342,7 +346,8 @@ def _descent(
         if best is None or size < least:
             best, least = here, float(size)
         used = np.asarray(by_value) != 0  # an exponent that is -inf has no derivatives, and need have none
-        slope = (by_value[used] @ np.asarray(here.jacobian)[used] + by_theta) * limits.slope(np.asarray(u))
+        slope = (by_value[used] @ np.asarray(here.jacobian)[used] + by_theta) * units
+        slope = slope * limits.slope(units * np.asarray(u))
         if not here.trust or not np.any(slope):
             break
         with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats

@@ -153,3 +153,20 @@ def test_an_objective_need_not_use_an_exponent_that_is_minus_infinity():
     )  # fmt: skip
     assert not any("failed" in reason for reason in found.reasons)
     assert found.parameters["k"] == pytest.approx(0.0075, rel=0.02)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e6])
+def test_steps_to_an_objective_do_not_hang_on_the_unit(unit):
+    """Least (λ + 2)² of λ = −r/unit, from 1.2, in three units of r."""
+    sink = lh.Flow(lambda t, x, args: -args["r"] / unit * x)
+    how = {"t1": 8.0, "over": "r", "steps": 100, "algorithm": "equilibrium"}
+    found = lh.design(sink, [0.0], {"r": 1.2 * unit}, lambda exponents, args: (exponents[0] + 2) ** 2, **how)
+    assert_allclose(found.parameters["r"] / unit, 2.0, rtol=2e-3)
+
+
+def test_more_targets_than_parameters_are_met_by_least_squares():
+    """Exponents −r and −2 r cannot both be −1: nearest at r = 3/5."""
+    sink = lh.Flow(lambda t, x, args: jnp.stack([-args["r"], -2 * args["r"]]) * x)
+    found = lh.design(sink, [0.0, 0.0], {"r": 1.0}, [-1.0, -1.0], t1=2.0, over="r", algorithm="equilibrium")
+    assert_allclose(found.parameters["r"], 0.6, rtol=1e-6)
+    assert "2 targets, 1 parameters: the least squares" in str(found)
