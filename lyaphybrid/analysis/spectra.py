@@ -150,8 +150,9 @@ def lyapunov_spectrum(
         step_underflow or no_more_jumps, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes`
         may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
         may be rounding), step_too_long (the sum of exponents shows it), guard_unreached (there are guards, and none
-        was met), identity_reset (a jump within a mode that changes nothing), stiff (an explicit method was kept at the
-        limit of its stability, or had to resolve a fast decay), interrupted.
+        was met), beyond_guard (the motion began beyond one, and never came back), identity_reset (a jump within a mode
+        that changes nothing), stiff (an explicit method was kept at the limit of its stability, or had to resolve a
+        fast decay), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from .._jax.bits import in_bits
 from ..systems.hybrid import Hybrid
 from .states import LoopState, Observer, QRSchedule
 
@@ -86,6 +87,15 @@ def mode_names(system) -> tuple[str, ...]:
 def in_rows(problem: RunProblem, x):
     """Flat states (…, n) in the shape in which the user gave them."""
     return x.reshape(*x.shape[:-1], *problem.shape)
+
+
+def beyond_guard(loop_state: LoopState, xp: ModuleType = jnp):
+    """Whether the motion was beyond a guard at the start and is still, so that it never fired, for any evolver."""
+    solver = loop_state.carry.solver_state
+    if getattr(solver, "memory", None) is None:
+        return xp.zeros_like(loop_state.carry.s)
+    waiting = in_bits(solver.memory[..., 11], solver.guard_sign.shape[-1], xp)
+    return xp.any(waiting & (solver.guard_sign < 0), axis=-1).astype(loop_state.carry.s.dtype)
 
 
 def summary_of(loop_state: LoopState, xp: ModuleType = jnp):

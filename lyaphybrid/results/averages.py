@@ -281,7 +281,7 @@ def _growth_power(xp: ModuleType, growth, reading, valid):
 def _final_state_fields(xp: ModuleType, loop_state: LoopState, status, interrupted) -> dict:
     """The fields of the result that describe the final state."""
     transversality, grazing, simultaneous, accumulation, doubtful = problems.summary_of(loop_state, xp)
-    flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
+    flags = [grazing, simultaneous, xp.full_like(grazing, interrupted), problems.beyond_guard(loop_state, xp)]
     return {
         "x": loop_state.carry.x,
         "t": loop_state.base[..., 0] + loop_state.base[..., 1] + loop_state.carry.s,

@@ -31,6 +31,8 @@ NOTE_TEXTS = {
     "stiff": "steps were as short as an explicit method needs to stay stable, or to resolve a fast decay; an implicit "
     f"one takes long steps here: {STIFF_REMEDY}",
     "guard_unreached": "the system has guards, and the flow reached none of them",
+    "beyond_guard": "the start is beyond a guard, on its fired side, where it does not fire, and the motion never came "
+    "back: lh.check says which guard",
     "identity_reset": "a jump within a mode changes nothing: is its reset missing?",
     "step_too_long": "steps are too long to carry volumes as the flow does; take a shorter dt, or control='xY'",
     "unresolved": "the smallest exponents, or a loss, may be rounding: a column shrank so much that it may be lost or "
@@ -153,7 +155,8 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         replicates: (m, k) exponents of each run, or None.
         error_kind: "blocks" or "replicates".
         accumulation_time: estimate of the time at which events accumulate; nan where they do not.
-        flags: (3,) whether the run met grazing, simultaneous events, an interruption: what `notes` are made from.
+        flags: (4,) whether the run met grazing, simultaneous events, an interruption, and whether it was beyond a guard
+            all along: what `notes` are made from.
         spread: (k,) how far apart the lengths of columns became between two orthonormalisations, as `notes` need it.
         residual: |Σ λ − (mean divergence + mean ln|det S|)|, whatever was lost; None where k < n,
             and of many components (16; 6 if event-driven).
@@ -211,12 +214,13 @@ class Spectrum(Resumable, RunResult, eqx.Module):
     @property
     def notes(self) -> frozenset[str]:
         """Names of observations that come with every status, for example "grazing"."""
-        grazing, simultaneous, interrupted = np.any(np.atleast_2d(self.flags), axis=0)
+        grazing, simultaneous, interrupted, beyond = np.any(np.atleast_2d(self.flags), axis=0)
         found = {
             "rank_lost": bool(np.any(np.isneginf(np.asarray(self.exponents)))),
             "grazing": bool(grazing),
             "simultaneous": bool(simultaneous),
             "interrupted": bool(interrupted),
+            "beyond_guard": bool(beyond),
             "guard_unreached": bool(guard_unreached(self)),
             "identity_reset": self.identity_reset,
             "stiff": self.about.stiff,

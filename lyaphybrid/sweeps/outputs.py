@@ -14,7 +14,7 @@ __all__ = ["NOTE_NAMES", "dims_of", "missing", "named", "spectra_in"]
 
 NOTE_NAMES = (
     "grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached",
-    "identity_reset",
+    "identity_reset", "beyond_guard",
 )  # fmt: skip
 KNOWN = {"exponents": "exponent", "stderr": "exponent", "finite_exponents": "exponent", "losses": "exponent"}
 
@@ -45,8 +45,9 @@ def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
     failed = (status != int(STATUS.ok)) & (status != int(STATUS.terminated))
     flags = jnp.any(jnp.atleast_2d(spectrum.flags), axis=0)
     lost, too_long = jnp.any(jnp.isneginf(spectrum.exponents)), jnp.asarray(step_too_long(spectrum))
+    *flags, beyond = flags
     seen = [*flags, jnp.any(unresolved(spectrum.spread)), lost, too_long, jnp.asarray(guard_unreached(spectrum))]
-    seen.append(jnp.asarray(spectrum.identity_reset))
+    seen += [jnp.asarray(spectrum.identity_reset), beyond]
     return {
         "exponents": jnp.where(failed, jnp.nan, spectrum.exponents),
         "stderr": jnp.where(failed, jnp.nan, spectrum.stderr),

@@ -50,7 +50,7 @@ def a_spectrum(exponents, stderr=None, times=None, clock="time") -> Spectrum:
         min_transversality=zero,
         accumulation_time=zero,
         status_code=jnp.zeros((), jnp.int32),
-        flags=jnp.zeros(3),
+        flags=jnp.zeros(4),
         spread=zero,
         residual=None,
         error_kind="blocks",

@@ -41,6 +41,7 @@ from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.periods import check_period
+from ..orbits.sides import BEYOND_GUARD
 from ..spectra import initial_frame
 from . import attractors
 from .sections import with_section
@@ -71,7 +72,8 @@ class BifurcationDiagram(Result):
             range, and λ₁ is not positive by 5 standard errors (unless the run is on a cycle that repels: it repeats to
             rounding). "chaos": λ₁ is positive by 5 standard errors, and λ₁ · time > 25. "aperiodic/slow": neither, as
             of quasi-periodic motions, of those that still settle, and of chaos too weak for the run: a longer t1
-            decides. Or the name of the status.
+            decides. "beyond_guard": it began beyond a guard and never came back, so that the guard did not fire. Or
+            the name of the status.
         lifetimes: (values, starts) periods after which the motion came near the cycle on which it ended; nan where it
             did not end on one. None unless escape=True.
         angles: components that are angles.
@@ -427,6 +429,7 @@ def _assembled(name, values, kinds, found: StrobeResults, angles, transient, t1,
     )
     leading = found.exponents[..., 0]
     marks = attractors.labels(found.points, angles, found.status, leading, found.stderr[..., 0], found.time)
+    marks[found.beyond & (found.status == OK)] = BEYOND_GUARD
     return BifurcationDiagram(
         name,
         values,

@@ -62,6 +62,7 @@ class StrobeResults(NamedTuple):
     status: Any
     points: Any
     lifetime: Any
+    beyond: Any  # whether it was beyond a guard all along
 
 
 def at(tree, path):
@@ -132,7 +133,9 @@ def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
     settled, empty = jnp.where(status == OK, lifetime, jnp.nan), averages.empty_columns(jnp, loop_state)
     found = _summary(how, records, empty, status, points, settled)
     found = found._replace(
-        exponents=jnp.where(failed, jnp.nan, found.exponents), finite=jnp.where(failed, jnp.nan, found.finite)
+        exponents=jnp.where(failed, jnp.nan, found.exponents),
+        finite=jnp.where(failed, jnp.nan, found.finite),
+        beyond=problems.beyond_guard(loop_state) > 0,
     )
     end = RunEnd(lane.value, loop_state.carry.x, problems.mode_of(loop_state.carry), status == OK)
     return end, found
@@ -238,4 +241,5 @@ def _summary(how: StrobeSettings, records: BlockRecord, empty, status, points, l
     rank = jnp.argsort(-jnp.where(jnp.isfinite(exponents), exponents, -jnp.inf), stable=True)
     last = points[-how.samples :]
     time = run["time"]
-    return StrobeResults(exponents[rank], stderr[rank], run["finite"][rank], lost[rank], time, status, last, lifetime)
+    found = exponents[rank], stderr[rank], run["finite"][rank], lost[rank], time, status, last, lifetime
+    return StrobeResults(*found, beyond=None)

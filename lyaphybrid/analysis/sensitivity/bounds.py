@@ -60,7 +60,7 @@ class ParameterBounds(NamedTuple):
         return longest
 
     def sizes(self, theta: np.ndarray) -> np.ndarray:
-        """(p,) the size of each parameter θ without bounds; 1 of one that is zero, and in coordinates between bounds."""
+        """(p,) the size of each parameter θ without bounds; 1 of one that is zero, and of one with bounds."""
         free = ~np.any(self._kinds(), axis=0)
         return np.where(free & (theta != 0), np.abs(theta), 1.0)
 

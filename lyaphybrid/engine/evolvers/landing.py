@@ -5,6 +5,7 @@ import math
 import jax
 import jax.numpy as jnp
 
+from ..._jax.bits import as_bits, in_bits
 from ..._jax.columns import each_column
 from ..._jax.magnitudes import absolute
 from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
@@ -290,7 +291,8 @@ def _apply_cascade(
         doubtful = doubtful | (lost & (speed > 0) & (speed < hidden))
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
     grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
-    carry = _store_event(evolver, carry, landing, clock, guard, (grazing, doubtful), last_step)
+    seen = grazing, doubtful, _still_waiting(arrived, landing, guard_index)
+    carry = _store_event(evolver, carry, landing, clock, guard, seen, last_step)
     carry = stop(carry, STATUS.terminated, landing.terminal)
     carry = stop(carry, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(carry.x)) & jnp.all(jnp.isfinite(carry.frame))
@@ -360,12 +362,23 @@ def _tick_to_come(t, number, period, phase, rounding_of_time):
     return jnp.where(late, jnp.ceil((t - phase) / period - slack), number)
 
 
+def _still_waiting(arrived: StepState, landing: CascadeState, guard_index):
+    """The guards that were beyond zero at the start and have been since, as bits; none in another mode."""
+    solver, slots = arrived.solver_state, landing.guard_sign.shape[0]
+    waiting = Memory(*solver.memory).waiting
+    kept = in_bits(waiting, slots) & (landing.guard_sign < 0) & (jnp.arange(slots, dtype=jnp.int32) != guard_index)
+    stays = True if solver.mode is None else solver.mode == landing.mode
+    return jnp.where(stays, as_bits(kept).astype(waiting.dtype), 0.0)
+
+
 def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock, guard, seen, last_step) -> StepState:
-    """Update `Memory`: intervals between events (Zeno), transversality, notes; `seen`: whether grazing, doubtful.
+    """Update `Memory`: intervals between events (Zeno), transversality, notes.
+
+    `seen`: whether the event was grazing or doubtful, and the guards that wait.
 
     `guard` counts over all modes.
     """
-    grazing, doubtful = seen
+    grazing, doubtful, waiting = seen
     m, first = Memory(*carry.solver_state.memory), guard.astype(carry.x.dtype)
     interval = _time_since_event(carry, last_step) if evolver.per_jump else carry.s - m.last
     # An event that the run begins with, up to rounding, comes after no interval.
@@ -401,6 +414,7 @@ def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock,
         first,
         jnp.maximum(m.doubtful, doubtful.astype(carry.x.dtype)),
         jnp.where(landing.more & landing.alone, ALONE, 0.0),
+        waiting,
     )
     memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, carry.x.dtype) for v in memory]))
     return stop(changed(carry, memory=memory), STATUS.zeno, zeno)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..._jax.bits import as_bits
 from ..._jax.jaxprs import is_affine, is_timeless
 from ..._jax.precision import GUARD_ROUNDING, digits
 from ..._jax.reverse_mode import checkpointed
@@ -173,7 +174,11 @@ class Stepping(OnConstraints):
         )
         ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
-        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero)
+        beyond = table(self, state.mode, hybrid.directed) & (guard_sign < 0) & (g != 0)
+        if hybrid.recording is not None:
+            beyond &= ~table(self, state.mode, hybrid.recording)
+        waiting = as_bits(beyond).astype(zero.dtype)
+        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero, waiting)
         if hybrid.borders is not None:
             outside = jnp.any(table(self, state.mode, hybrid.borders) & (guard_sign < 0))
             memory = memory._replace(pending=jnp.where(outside, FIRST, zero))

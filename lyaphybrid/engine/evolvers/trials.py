@@ -38,6 +38,7 @@ class Memory(NamedTuple):
     guard_index: Any  # guard of the last event, counted over all modes; -1: a clock
     doubtful: Any  # 1 if a column was lost where rounding may be the cause, else 0
     pending: Any  # `ALONE` or `FIRST` if a jump comes next without a flow before it, else 0
+    waiting: Any  # the guards of the first mode that were beyond zero at the start and have been since, see `as_bits`
 
 
 class Choices(NamedTuple):
