@@ -26,11 +26,11 @@ PANEL = 32  # most columns of a panel
 UNEVEN = 300.0  # with a larger ratio of lengths in a panel the orthogonality error may exceed 1e-11
 LOST = 1e-12  # after one jump a column is lost if its residual is below this, relative to its length before the jump
 DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length
-# After a jump whose terms are known: if its residual is below BY_TERMS · LOST and its entries below OF_TERMS of their
-# terms. Columns that became short before, each by 1e-4, enlarge what rounding leaves of a lost one; so it is doubtful …
-BY_TERMS, OF_TERMS = 100.0, 1e-12
-# … whether a column is lost that is kept and whose entries are all below this part of their terms, …
-DOUBTFUL, EXAMINED = 1e-9, 1e4  # … which is looked at where it is up to so many times as long (2e-9: 20 neurons)
+# After a jump whose terms are known: if its residual is below BY_TERMS · LOST, and its entries are rounding of their
+# terms, below n/2 · DEPENDENT of them. Columns that became short before, each by 1e-4, enlarge what rounding leaves of
+# a lost one, up to 2e-9 for 20 neurons, and real ones are as short: one that is so many times longer, and within eps of
+# its terms, is in doubt.
+BY_TERMS, EXAMINED = 10.0, 1e5
 LOST_RESIDUAL = 4  # residual of a lost column in float32, in units of eps times its length
 DECIDES = 0.01  # an entry decides the length of a column if it is larger than this times the largest one
 # Number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too.
@@ -89,12 +89,12 @@ def orthonormalise_after_jump(
     cancellation is not rounding, however short it is. Also whether it is doubtful that the others are not lost.
     """
     tolerance = (1 if is_short(frame) else BY_TERMS) * _tolerance(frame, absolute, LOST)
-    examined = EXAMINED * tolerance
+    examined, noise = EXAMINED * tolerance, max(1.0, frame.shape[0] / 2) * DEPENDENT
     columns, lengths = _columns_and_lengths(frame, kind, examined)
     short = lengths <= examined
     columns, lengths, lost, doubtful = jax.lax.cond(
         jnp.any(short),
-        lambda *_: _entry_by_entry(frame, sizes, tolerance),
+        lambda *_: _entry_by_entry(frame, sizes, tolerance, noise),
         lambda *found: (*found, jnp.asarray(False)),
         columns,
         lengths,
@@ -282,7 +282,7 @@ def is_rounding(frame: Float[Array, "n k"], sizes: Float[Array, "n k"], noise: f
     return _entry_by_entry(frame, sizes, jnp.full(frame.shape[1], jnp.inf, frame.dtype), noise, decides)[2]
 
 
-def _entry_by_entry(frame, sizes, tolerance, noise=OF_TERMS, judged=lambda y, rounding: jnp.all(rounding)):
+def _entry_by_entry(frame, sizes, tolerance, noise, judged=lambda y, rounding: jnp.all(rounding)):
     """Gram–Schmidt that tracks the magnitude of the terms of each entry; also which columns are lost, and if in doubt.
 
     Rows may have very different sizes, for example after a reset of a fast component. A column is not lost if one of
@@ -298,9 +298,9 @@ def _entry_by_entry(frame, sizes, tolerance, noise=OF_TERMS, judged=lambda y, ro
             y, size = y - columns @ share, size + known @ jnp.abs(share)
         length = _column_norms(y)
         gone = (length <= tolerance[j]) & judged(y, jnp.abs(y) <= digits(noise, y) * size)
+        doubtful |= ~gone & jnp.all(jnp.abs(y) <= eps(y) * size)
         inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
-        doubtful |= ~gone & jnp.all(jnp.abs(y) <= digits(DOUBTFUL, y) * size)
         return *new, lengths.at[j].set(length), lost.at[j].set(gone), doubtful
 
     k, nothing = frame.shape[1], jnp.zeros_like(frame)

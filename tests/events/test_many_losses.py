@@ -62,17 +62,16 @@ def exact_rank(v, length):
     """Of the tangent map, its numbers as fractions of 2⁴⁵ modulo the prime: no rounding."""
     image = np.random.default_rng(9).integers(1, PRIME, (N, N))
     for kept, column, i, _ in tangent_maps(v, length):
-        column = np.round(column * 2.0**45).astype(object) % PRIME
-        scale = pow(2, 45, PRIME)
-        image = np.array((kept.astype(int) * scale)[:, None] * image + np.outer(column, image[i]), object) % PRIME
-        image = image.astype(np.int64)
+        column = np.array([int(entry) % PRIME for entry in np.round(column * 2.0**45)])
+        kept = kept.astype(int) * (2**45 % PRIME)
+        image = (kept[:, None] * image % PRIME + np.outer(column, image[i]) % PRIME) % PRIME
     return rank(image)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [None, 0, 3, 5])
 def test_every_direction_that_avalanches_destroy_is_found(seed):
-    """Residuals of lost columns are up to 2e-10 long here, those of the columns that stay at least 3e-4."""
+    """Residuals of lost columns are up to 3e-12 long here, those of the columns that stay at least 3e-4."""
     start = FIRST_START if seed is None else np.random.default_rng(100 + seed).uniform(0.0, 0.9, N)
     found = lh.lyapunov_spectrum(NETWORK, jnp.asarray(start), t1=1400.0)
     assert np.sum(np.isneginf(found.exponents)) == N - exact_rank(start, 1400.0)
@@ -81,9 +80,9 @@ def test_every_direction_that_avalanches_destroy_is_found(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 12])
 def test_where_rounding_hides_a_loss_that_is_said(seed):
-    """Here one of 15, or of 16, leaves 1e-9 of a column, which had become short time after time."""
+    """Here one or two of 15, or 16, leave up to 1e-9 of a column, which had become short time after time."""
     start = np.random.default_rng(100 + seed).uniform(0.0, 0.9, N)
     found = lh.lyapunov_spectrum(NETWORK, jnp.asarray(start), t1=1400.0)
     missed = N - exact_rank(start, 1400.0) - int(np.sum(np.isneginf(found.exponents)))
-    assert missed in (0, 1)
+    assert 0 <= missed <= 2
     assert "unresolved" in found.notes
