@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from .._jax.precision import digits, eps, is_short, nonzero
 
-__all__ = ["QR_ALGORITHMS", "generic_frame", "orthonormalise", "refill", "unit_vectors"]
+__all__ = ["QR_ALGORITHMS", "generic_frame", "orthonormalise", "orthonormalise_after_jump", "refill", "unit_vectors"]
 
 QR_ALGORITHMS = ("mgs", "lapack", "cholesky")
 MOST_ROWS_UNROLLED = 4  # products with at most so many rows are written out without a loop
@@ -25,7 +25,12 @@ BLOCKS_FROM = 32  # from this number of columns block Gram–Schmidt is faster t
 PANEL = 32  # most columns of a panel
 UNEVEN = 300.0  # with a larger ratio of lengths in a panel the orthogonality error may exceed 1e-11
 LOST = 1e-12  # after one jump a column is lost if its residual is below this, relative to its length before the jump
-DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length; always, to its own terms
+DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length
+# After a jump whose terms are known: if its residual is below BY_TERMS · LOST, and its entries are rounding of their
+# terms, below n/2 · DEPENDENT of them. Columns that became short before, each by 1e-4, enlarge what rounding leaves of
+# a lost one, up to 2e-9 for 20 neurons, and real ones are as short: one that is so many times longer, and within eps of
+# its terms, is in doubt.
+BY_TERMS, EXAMINED = 10.0, 1e5
 LOST_RESIDUAL = 4  # residual of a lost column in float32, in units of eps times its length
 DECIDES = 0.01  # an entry decides the length of a column if it is larger than this times the largest one
 # Number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too.
@@ -57,7 +62,6 @@ def orthonormalise(
     kind: str = "mgs",
     absolute: Any = 0.0,
     relative: float = 0.0,
-    sizes: Float[Array, "n k"] | None = None,
 ) -> tuple[Float[Array, "n k"], Float[Array, " k"], Array]:
     """Orthonormal columns spanning the same nested subspaces, and ln R_ii.
 
@@ -67,26 +71,40 @@ def orthonormalise(
             Cholesky panels, and column by column where these are ill-conditioned.
         absolute: a column is lost if its residual is at most absolute + relative · its norm.
         relative: see absolute; 0 (static) switches the test off.
-        sizes: (n, k) magnitude of the terms of each entry, if known: a column is then lost only if, in addition, every
-            entry of its residual is at most `DEPENDENT` · its terms. A column that is short without cancellation is not
-            rounding, however short it is.
 
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
     """
     tolerance = _tolerance(frame, absolute, relative) if tracked(relative) else 0.0
-    tolerance = jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)  # an overflow is not a loss
     columns, lengths = _columns_and_lengths(frame, kind, tolerance if tracked(relative) else None)
-    lost = lengths <= tolerance
-    if sizes is not None:
-        columns, lengths, lost = jax.lax.cond(
-            jnp.any(lost),
-            lambda *_: _entry_by_entry(frame, sizes, tolerance),
-            lambda *found: found,
-            columns,
-            lengths,
-            lost,
-        )
+    return _found(columns, lengths, lengths <= tolerance)
+
+
+def orthonormalise_after_jump(
+    frame: Float[Array, "n k"], kind: str, absolute: Any, sizes: Float[Array, "n k"]
+) -> tuple[tuple[Float[Array, "n k"], Float[Array, " k"], Array], Array]:
+    """As `orthonormalise`, of columns that a jump has moved, the magnitudes `sizes` of whose terms are known.
+
+    A column is lost if it is short and every entry of its residual is rounding of its terms: one that is short without
+    cancellation is not rounding, however short it is. Also whether it is doubtful that the others are not lost.
+    """
+    tolerance = (1 if is_short(frame) else BY_TERMS) * _tolerance(frame, absolute, LOST)
+    examined, noise = EXAMINED * tolerance, max(1.0, frame.shape[0] / 2) * DEPENDENT
+    columns, lengths = _columns_and_lengths(frame, kind, examined)
+    short = lengths <= examined
+    columns, lengths, lost, doubtful = jax.lax.cond(
+        jnp.any(short),
+        lambda *_: _entry_by_entry(frame, sizes, tolerance, noise),
+        lambda *found: (*found, jnp.asarray(False)),
+        columns,
+        lengths,
+        short,
+    )
+    return _found(columns, lengths, lost), doubtful
+
+
+def _found(columns, lengths, lost):
+    """The columns, ln R_ii, and which are lost."""
     log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(SMALLEST_LENGTH, lengths))))
     return _zero_where(lost, columns), log_r, lost
 
@@ -104,11 +122,13 @@ def _tolerance(frame, absolute, relative: float):
     """(k,) the largest residual at which each column is lost.
 
     In float32 a strong stretching leaves residuals not far above rounding: a column is lost only if it is short
-    relative to both its present length and its length before.
+    relative to both its present length and its length before. An overflow is not a loss.
     """
-    if not is_short(frame):
-        return absolute + relative * _column_norms(frame)
-    return jnp.where(absolute < 0, -1.0, LOST_RESIDUAL * eps(frame) * jnp.minimum(4.0, _column_norms(frame)))
+    norms = _column_norms(frame)
+    tolerance = absolute + relative * norms
+    if is_short(frame):
+        tolerance = jnp.where(absolute < 0, -1.0, LOST_RESIDUAL * eps(frame) * jnp.minimum(4.0, norms))
+    return jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)
 
 
 def _columns_and_lengths(frame, kind: str, tolerance):
@@ -262,8 +282,8 @@ def is_rounding(frame: Float[Array, "n k"], sizes: Float[Array, "n k"], noise: f
     return _entry_by_entry(frame, sizes, jnp.full(frame.shape[1], jnp.inf, frame.dtype), noise, decides)[2]
 
 
-def _entry_by_entry(frame, sizes, tolerance, noise=DEPENDENT, judged=lambda y, rounding: jnp.all(rounding)):
-    """Gram–Schmidt that tracks the magnitude of the terms of each entry; also returns which columns are lost.
+def _entry_by_entry(frame, sizes, tolerance, noise, judged=lambda y, rounding: jnp.all(rounding)):
+    """Gram–Schmidt that tracks the magnitude of the terms of each entry; also which columns are lost, and if in doubt.
 
     Rows may have very different sizes, for example after a reset of a fast component. A column is not lost if one of
     its entries is known well. Earlier columns are removed several times: each pass leaves only rounding of the previous
@@ -271,21 +291,22 @@ def _entry_by_entry(frame, sizes, tolerance, noise=DEPENDENT, judged=lambda y, r
     """
 
     def clear(j, state):
-        columns, known, lengths, lost = state
+        columns, known, lengths, lost, doubtful = state
         y, size = frame[:, j], sizes[:, j]
         for _ in range(REORTHOGONALISATIONS):
             share = y @ columns
             y, size = y - columns @ share, size + known @ jnp.abs(share)
         length = _column_norms(y)
         gone = (length <= tolerance[j]) & judged(y, jnp.abs(y) <= digits(noise, y) * size)
+        doubtful |= ~gone & jnp.all(jnp.abs(y) <= eps(y) * size)
         inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
-        return *new, lengths.at[j].set(length), lost.at[j].set(gone)
+        return *new, lengths.at[j].set(length), lost.at[j].set(gone), doubtful
 
     k, nothing = frame.shape[1], jnp.zeros_like(frame)
-    start = nothing, nothing, nothing[0], jnp.zeros(k, bool)
-    columns, _, lengths, lost = jax.lax.fori_loop(0, k, clear, start)
-    return columns, lengths, lost
+    start = nothing, nothing, nothing[0], jnp.zeros(k, bool), jnp.asarray(False)
+    columns, _, lengths, lost, doubtful = jax.lax.fori_loop(0, k, clear, start)
+    return columns, lengths, lost, doubtful
 
 
 def _householder(frame):

@@ -77,12 +77,14 @@ def test_in_float32_a_column_is_lost_by_its_rounding(part):
 @pytest.mark.parametrize("part", [0.99, 1.01])
 @pytest.mark.parametrize("entry", [1, 2])
 def test_a_short_column_is_lost_if_all_its_entries_are_rounding(entry, part):
-    """1e-13 of their terms, those of what is removed included: 3 + 2 · 1, and 7."""
+    """2e-13 of their terms (n = 4), those of what is removed included: 3 + 2 · 1, and 7."""
     frame, sizes = np.zeros((4, 3)), np.zeros((4, 3))
     frame[0, :2], frame[3, 2] = (1.0, 2.0), 1.0  # two times the first column is removed from the second …
-    frame[entry, 1] = part * 1e-13 * (7.0 if entry == 2 else 5.0)
+    frame[entry, 1] = part * 2e-13 * (7.0 if entry == 2 else 5.0)
     sizes[0, 0], sizes[1, 0], sizes[1, 1], sizes[2, 1], sizes[3, 2] = 1.0, 1.0, 3.0, 7.0, 1.0  # … with its terms
-    columns, log_r, lost = orthonormalise(jnp.asarray(frame), "mgs", 1e-12, 1e-12, jnp.asarray(sizes))
+    found, doubtful = frames.orthonormalise_after_jump(jnp.asarray(frame), "mgs", 1e-12, jnp.asarray(sizes))
+    columns, log_r, lost = found
+    assert not doubtful
     assert lost.tolist() == [False, part < 1, False]
     if part > 1:
         assert_allclose(log_r[1], np.log(frame[entry, 1]), rtol=1e-12)
@@ -140,3 +142,13 @@ def test_a_pivot_is_the_largest_entry():
     assert frames.log_abs_det(jnp.array([[1.0, 2.0], [2.0, 4.0]])) == -np.inf
     assert frames.log_abs_det(jnp.zeros((2, 2))) == -np.inf
     assert_allclose(frames.log_abs_det(jnp.array([[0.0, 1e-200], [-1e-80, 3.0]])), -280 * np.log(10), rtol=1e-14)
+
+
+@pytest.mark.parametrize("length", [1e-3, 1e-7, 1e-9, 1e-12])
+@pytest.mark.parametrize("part", [1e-4, 0.5, 2.0])
+def test_a_long_column_of_rounding_is_doubtful_and_a_short_one_lost(length, part):
+    """Rounding: 1e-13 of the terms in two dimensions, eps to doubt; short: 1e-11 of what was before, 1e-6 to doubt."""
+    frame, terms = jnp.array([[1.0, 1.0], [0.0, length]]), jnp.ones((2, 2)).at[1, 1].set(length / (part * 1e-13))
+    (_, _, lost), doubtful = frames.orthonormalise_after_jump(frame, "mgs", frames.LOST, terms)
+    assert lost.tolist() == [False, part < 1 and length < 1e-11]
+    assert doubtful == (part < 1e-3 and 1e-11 < length < 1e-6)

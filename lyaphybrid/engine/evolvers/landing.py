@@ -278,9 +278,9 @@ def _apply_cascade(
     if sizes is not None:
         losses, sizes = carry.losses, (sizes[:, :k], sizes[:, -k:])
         least = frames.LOST + _left_of_velocities(landing)[:k]
-        found = frames.orthonormalise(carry.frame, settings.kind, least, frames.LOST, sizes[0])
+        found, doubtful = frames.orthonormalise_after_jump(carry.frame, settings.kind, least, sizes[0])
         if max(carry.frame.shape) <= MOST_EXAMINED:
-            doubtful = _may_be_lost(carry.frame, found, was_live, sizes[1])
+            doubtful |= _may_be_lost(carry.frame, found, was_live, sizes[1])
         carry = accumulate(settings, carry, t, found, True, project, was_live)
         # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it, unless
         # the new mode has no room for what is lost.
