@@ -137,7 +137,8 @@ def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
         finite=jnp.where(failed, jnp.nan, found.finite),
         beyond=problems.beyond_guard(loop_state) > 0,
     )
-    end = RunEnd(lane.value, loop_state.carry.x, problems.mode_of(loop_state.carry), status == OK)
+    good = (status == OK) & ~found.beyond
+    end = RunEnd(lane.value, loop_state.carry.x, problems.mode_of(loop_state.carry), good)
     return end, found
 
 
