@@ -89,5 +89,5 @@ def test_a_diagram_does_not_follow_a_motion_that_never_fired():
     coil = lh.Hybrid({"on": lambda t, x, args: 3.0 - x, "off": lambda t, x, args: -x}, [TICK, opens])
     how = {"over": {"peak": [1.0, 2.5]}, "period": 1.0, "t1": 16, "samples": 8, "directions": ("up",), "mode": "on"}
     found = lh.bifurcation_diagram(coil, [2.0], {"peak": 1.0}, **how)
-    assert found.labels.ravel().tolist() == ["beyond_guard", "P1w0"]
+    assert [label == "beyond_guard" for label in found.labels.ravel()] == [True, False]
     assert np.all(found.points[1] < 2.5)
