@@ -9,7 +9,7 @@ import numpy as np
 
 from ._jax.tracing import numpy_for, traced
 
-__all__ = ["OK", "RUNNING", "STATUS", "STIFF_REMEDY", "gravest", "nan_if_failed", "status_of", "verdicts"]
+__all__ = ["OK", "RUNNING", "STATUS", "STIFF_REMEDY", "gravest", "nan_if_failed", "nan_where", "status_of", "verdicts"]
 
 STIFF_REMEDY = "lh.RadauIIA(), and for several exponents lh.ContinuousQR(lh.RadauIIA())"
 
@@ -116,8 +116,12 @@ def nan_if_failed(codes, result, *names: str):
 
     For results under a JAX transformation, where nothing can be raised and a field may be all that is kept.
     """
-    failed = jnp.asarray(IS_FAILURE)[gravest(codes)]
-    return replace(result, **{name: jnp.where(failed, jnp.nan, getattr(result, name)) for name in names})
+    return nan_where(jnp.asarray(IS_FAILURE)[gravest(codes)], result, *names)
+
+
+def nan_where(wrong, result, *names: str):
+    """The result with nan in these fields where it is wrong ()."""
+    return replace(result, **{name: jnp.where(wrong, jnp.nan, getattr(result, name)) for name in names})
 
 
 def verdicts(codes) -> str:

@@ -594,3 +594,23 @@ def test_a_motion_that_ends_says_so():
     assert np.all(found.status_code == STATUS.zeno)
     with pytest.raises(lh.RunFailedError, match="2 zeno"):
         lh.master_stability(ball, spring, [1.0, 0.0], at=[-0.1, 0.1], t1=100.0)
+
+
+def test_in_a_sweep_what_leaves_the_subspace_is_nan():
+    """Two copies with coupling from both sides stay together, with another parameter in one of them they do not."""
+
+    def pair(t, x, args):
+        flow = LORENZ.system.field
+        first, second = flow(t, x[:3], LORENZ.args), flow(t, x[3:], LORENZ.args)
+        drift = args["apart"] * jnp.array([0.0, 1.0, 0.0])
+        return jnp.concatenate([first + args["c"] * (x[3:] - x[:3]), second + args["c"] * (x[:3] - x[3:]) + drift])
+
+    def across(args):
+        how = {"subspace": np.vstack([np.eye(3), np.eye(3)]), "t1": 4.0, "blocks": 4}
+        return lh.transverse_spectrum(lh.Flow(pair), [1.0, 1.0, 20.0] * 2, args, **how)
+
+    args = {"c": 4.0, "apart": 0.0}
+    found = lh.sweep(across, {"apart": [0.0, 0.1]}, args=args, progress=False)
+    assert_allclose(found.exponents[0], across(args).exponents, rtol=1e-9)
+    assert np.all(np.isnan(found.exponents[1]))
+    assert np.all(np.isnan(found.stderr[1]))

@@ -15,6 +15,7 @@ from ..._keywords import explains_keywords
 from ...engine import preparation
 from ...integrators.base import Method
 from ...results.spectrum import Spectrum
+from ...statuses import nan_where
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
@@ -95,7 +96,8 @@ def transverse_spectrum(
 
     Raises:
         ValueError: on arguments that do not fit; where the start, the field or a reset leaves the subspace; where a
-            jump that the response decides moves the drive (the first jumps of each transition are looked at).
+            jump that the response decides moves the drive (the first jumps of each transition are looked at). Under a
+            transformation, as in a sweep, jumps are not looked at, and what leaves the subspace has nan as exponents.
         RunFailedError: where the run failed and `throw`.
 
     Source:
@@ -113,14 +115,13 @@ def transverse_spectrum(
     require((response is None) != (subspace is None), ONE_OF.format(response, subspace))
     problem, x, t, mode = preparation.prepare(system, x0, args, t0, method, mode)
     n, own = x.shape[0], problem.args
-    known = not traced((x, t, own))  # else nothing can be checked, as inside jit
+    known, leaves = not traced((x, t, own)), False  # else jumps cannot be checked, as inside jit
     if response is not None:
         cocycle: Cocycle = Response(_indices(system, response, n), n)
         check = functools.partial(_check_drive, frozenset(cocycle.of), own)
     else:
         across = _across(subspace, x)
-        if known:
-            _check_subspace(system, across, t, x, own)
+        leaves = _leaves_subspace(system, across, t, x, own, known)
         cocycle, check = across, functools.partial(_check_reset, across)
     if known:
         length = float(transient) + float(t1)
@@ -129,11 +130,12 @@ def transverse_spectrum(
     if k is not None:
         whole("k", k, least=1)
     require(k is None or k <= size, f"k must be at most {size}, the number of these exponents; got {k}.")
-    return lyapunov_spectrum(
+    found = lyapunov_spectrum(
         skew_product(system, cocycle, n), start_of(x, size), args, t1=t1, t0=t0, transient=transient, mode=mode,
         frame=frame_of(n, size, k or size, x.dtype), method=method, every=every, blocks=blocks,
         target_stderr=target_stderr, max_steps=max_steps, progress=progress, throw=throw,
     )  # fmt: skip
+    return found if known else nan_where(leaves, found, "exponents", "stderr", "finite_exponents")
 
 
 def _indices(system: Flow | Map | Hybrid, response, n: int) -> tuple[int, ...]:
@@ -162,23 +164,26 @@ def _across(subspace, x) -> Across:
     return Across(jnp.asarray(full[:, :m]), jnp.asarray(full[:, m:]))
 
 
-def _outside(across: Across, vector) -> float:
+def _outside(across: Across, vector):
     """The size of a vector outside the subspace, beyond rounding; 0 where there is none."""
-    vector = np.asarray(vector)
-    off = float(np.max(np.abs(np.asarray(across.rest).T @ vector)))
-    return off if off > LEAST_LEFT * (1 + float(np.max(np.abs(vector)))) else 0.0
+    off = jnp.max(jnp.abs(across.rest.T @ vector))
+    return jnp.where(off > LEAST_LEFT * (1 + jnp.max(jnp.abs(vector))), off, 0.0)
 
 
-def _check_subspace(system, across: Across, t, x, args) -> None:
-    """Raise a ValueError unless the start, and the fields or the rule near it, are in the subspace."""
-    off = _outside(across, x)
-    require(not off, f"x0 must lie in the subspace; got {np.asarray(x)}, {off:.3g} off.")
-    basis, size = np.asarray(across.basis), 1 + float(np.max(np.abs(np.asarray(x))))
-    for nudge in np.random.default_rng(1).normal(size=(3, basis.shape[1])):
-        point = jnp.asarray(np.asarray(x) + BESIDE * size * basis @ nudge, x.dtype)
+def _leaves_subspace(system, across: Across, t, x, args, known: bool):
+    """Whether the start, or a field or the rule near it, is not in the subspace; where that is known a ValueError."""
+    leaves = off = _outside(across, x)
+    if known:
+        require(not off, f"x0 must lie in the subspace; got {np.asarray(x)}, {float(off):.3g} off.")
+    size = 1 + jnp.max(jnp.abs(x))
+    for nudge in np.random.default_rng(1).normal(size=(3, across.basis.shape[1])):
+        point = x + BESIDE * size * (across.basis @ jnp.asarray(nudge, x.dtype))
         for what, value in _moved(system, t, point, args):
             off = _outside(across, value)
-            require(not off, LEAVES_SUBSPACE.format(what, np.asarray(point).round(4), off))
+            leaves = jnp.maximum(leaves, off)
+            if known:
+                require(not off, LEAVES_SUBSPACE.format(what, np.asarray(point).round(4), float(off)))
+    return leaves > 0
 
 
 def _moved(system, t, x, args):
@@ -199,7 +204,7 @@ def _check_reset(across: Across, jump: GuardJump, t, x, new, *which) -> None:
     """Raise a ValueError where a jump leaves the subspace."""
     del jump, which
     off = _outside(across, new)
-    require(not off, LEAVES_SUBSPACE.format(f"the jump at t = {float(t):.6g}", np.asarray(x).round(4), off))
+    require(not off, LEAVES_SUBSPACE.format(f"the jump at t = {float(t):.6g}", np.asarray(x).round(4), float(off)))
 
 
 def _check_drive(response: frozenset[int], args, jump: GuardJump, t, x, new, *which) -> None:
