@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._jax.bits import in_bits
+from ..events.bits import in_bits
 from ..systems.hybrid import Hybrid
 from .states import LoopState, Observer, QRSchedule
 

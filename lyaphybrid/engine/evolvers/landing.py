@@ -5,11 +5,11 @@ import math
 import jax
 import jax.numpy as jnp
 
-from ..._jax.bits import as_bits, in_bits
 from ..._jax.columns import each_column
 from ..._jax.magnitudes import absolute
 from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ..._linalg import frames
+from ...events.bits import as_bits, in_bits
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import rates, rounding
 from ...integrators.divergences import trace
@@ -276,19 +276,8 @@ def _apply_cascade(
         carry = changed(carry, choices=met._replace(others=met.others | landing.several))
     doubtful = jnp.asarray(False)
     if sizes is not None:
-        losses, sizes = carry.losses, (sizes[:, :k], sizes[:, -k:])
-        least = frames.LOST + _left_of_velocities(landing)[:k]
-        found, doubtful = frames.orthonormalise_after_jump(carry.frame, settings.kind, least, sizes[0])
-        if max(carry.frame.shape) <= MOST_EXAMINED:
-            doubtful |= _may_be_lost(carry.frame, found, was_live, sizes[1])
-        carry = accumulate(settings, carry, t, found, True, project, was_live)
-        # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it, unless
-        # the new mode has no room for what is lost.
-        forced = jnp.maximum(jnp.sum(was_live, dtype=jnp.int32) - _room(project, carry.x), 0)
-        lost = jnp.sum(carry.losses - losses, dtype=jnp.int32) > forced
-        speed, size = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes[0]), 1.0)  # unknown magnitudes are huge
-        hidden = digits(frames.DEPENDENT, carry.x) * size * landing.speed
-        doubtful = doubtful | (lost & (speed > 0) & (speed < hidden))
+        sizes = sizes[:, :k], sizes[:, -k:]
+        carry, doubtful = _orthonormalised(settings, carry, t, landing, project, sizes, was_live)
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
     grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
     seen = grazing, doubtful, _still_waiting(arrived, landing, guard_index)
@@ -301,6 +290,23 @@ def _apply_cascade(
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     # A reset would turn a state that leaves the guard to the side beyond it.
     return select(landing.leaves, stop(arrived, STATUS.zeno), stop(carry, STATUS.zeno, ends))
+
+
+def _orthonormalised(settings, carry: StepState, t, landing: CascadeState, project, sizes, was_live):
+    """The carry with an orthonormal frame and what is lost, by the terms `sizes`; and whether a loss is doubtful."""
+    losses = carry.losses
+    least = frames.LOST + _left_of_velocities(landing)[: carry.frame.shape[1]]
+    found, doubtful = frames.orthonormalise_after_jump(carry.frame, settings.kind, least, sizes[0])
+    if max(carry.frame.shape) <= MOST_EXAMINED:
+        doubtful |= _may_be_lost(carry.frame, found, was_live, sizes[1])
+    carry = accumulate(settings, carry, t, found, True, project, was_live)
+    # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it, unless
+    # the new mode has no room for what is lost.
+    forced = jnp.maximum(jnp.sum(was_live, dtype=jnp.int32) - _room(project, carry.x), 0)
+    lost = jnp.sum(carry.losses - losses, dtype=jnp.int32) > forced
+    speed, size = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes[0]), 1.0)  # unknown magnitudes are huge
+    hidden = digits(frames.DEPENDENT, carry.x) * size * landing.speed
+    return carry, doubtful | (lost & (speed > 0) & (speed < hidden))
 
 
 def _within(project, frame, ended):

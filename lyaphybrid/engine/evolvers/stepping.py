@@ -13,7 +13,6 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..._jax.bits import as_bits
 from ..._jax.jaxprs import is_affine, is_timeless
 from ..._jax.precision import GUARD_ROUNDING, digits
 from ..._jax.reverse_mode import checkpointed
@@ -52,6 +51,7 @@ from .trials import (
     suspects,
     table,
     trial_in,
+    waiting_at_start,
 )
 
 __all__ = ["Stepping", "are_nonlinear", "are_timeless"]
@@ -173,15 +173,10 @@ class Stepping(OnConstraints):
             table(self, state.mode, hybrid.directed) & (g == 0) & (guard_sign < 0) & ~fired, 1.0, guard_sign
         )
         ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
-        zero, one = jnp.zeros_like(t), jnp.ones_like(t)
-        beyond = table(self, state.mode, hybrid.directed) & (guard_sign < 0) & (g != 0)
-        if hybrid.recording is not None:
-            beyond &= ~table(self, state.mode, hybrid.recording)
-        waiting = as_bits(beyond).astype(zero.dtype)
-        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero, waiting)
+        memory = Memory.at_start(t, waiting_at_start(self, state.mode, g, guard_sign))
         if hybrid.borders is not None:
             outside = jnp.any(table(self, state.mode, hybrid.borders) & (guard_sign < 0))
-            memory = memory._replace(pending=jnp.where(outside, FIRST, zero))
+            memory = memory._replace(pending=jnp.where(outside, FIRST, memory.pending))
         return SolverState(
             f,
             h,

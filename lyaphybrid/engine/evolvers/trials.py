@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..._jax.precision import GUARD_ROUNDING, digits, is_short, nonzero
+from ...events.bits import as_bits
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import cubic, hermite_root, rates, rounding, turning_point
 from ...events.turns import clear, hidden
@@ -39,6 +40,12 @@ class Memory(NamedTuple):
     doubtful: Any  # 1 if a column was lost where rounding may be the cause, else 0
     pending: Any  # `ALONE` or `FIRST` if a jump comes next without a flow before it, else 0
     waiting: Any  # the guards of the first mode that were beyond zero at the start and have been since, see `as_bits`
+
+    @classmethod
+    def at_start(cls, like, waiting) -> "Memory":
+        """Before the first event; of the type of a number."""
+        zero, one = jnp.zeros_like(like), jnp.ones_like(like)
+        return cls(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero, waiting)
 
 
 class Choices(NamedTuple):
@@ -126,6 +133,14 @@ def no_bracket(h) -> RootBracket:
     """No target: the next trial has the controller's step."""
     infinity = jnp.full_like(h, jnp.inf)
     return RootBracket(infinity, infinity, jnp.asarray(-1, jnp.int32), jnp.asarray(0, jnp.int32))
+
+
+def waiting_at_start(evolver, mode, g, guard_sign):
+    """The guards that the start is beyond, so that they do not fire, as bits; not those that only record."""
+    beyond = table(evolver, mode, evolver.hybrid.directed) & (guard_sign < 0) & (g != 0)
+    if evolver.hybrid.recording is not None:
+        beyond &= ~table(evolver, mode, evolver.hybrid.recording)
+    return as_bits(beyond).astype(g.dtype)
 
 
 def changed(carry: StepState, **changes) -> StepState:

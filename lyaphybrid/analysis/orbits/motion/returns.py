@@ -17,7 +17,7 @@ NEAR_RETURN = 0.02  # of the motion's size: after a return that is not so near a
 MUCH_LATER = 4.0  # … over a time that is longer by this factor
 WENT_AWAY = 0.1  # of the motion's size: from a return the motion must have been farther away
 MOVES = 1e-10  # extents below this part of the state are rounding
-AT_REST = 1e-14  # of the terms of the velocity: less is rounding
+ROUNDING_OF_SPEED = 1e-14  # of the terms of the velocity: less is rounding
 DOUBLINGS = 14  # doublings of the time of the motion up to which a return is searched …
 LONG = 100.0  # the typical time is no more than this times the first one
 MORE_DOUBLINGS = 50  # … with so many more where it begins much shorter, at a zero of a component
@@ -110,7 +110,7 @@ def _first_times(flow: Motion, start: Node) -> tuple[float, float]:
     """
     x, speed = np.abs(np.asarray(start.x, float)), np.abs(flow.velocity(start))
     underflows = np.max([x, speed]) < np.sqrt(np.finfo(speed.dtype).tiny)
-    if underflows or np.all(speed <= digits(AT_REST, speed) * np.abs(flow.slope(start)) @ x):
+    if underflows or np.all(speed <= digits(ROUNDING_OF_SPEED, speed) * np.abs(flow.slope(start)) @ x):
         raise NoPeriodicOrbitError(
             "The motion is at rest: its velocity is 0 up to rounding, and so it has no period. Start beside this "
             "equilibrium, and give a transient, if there is an orbit beside it; what perturbations of an equilibrium "
