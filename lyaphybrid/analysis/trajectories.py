@@ -97,6 +97,8 @@ class Trajectory(RunResult, eqx.Module):
         status: how the run ended, an `lh.STATUS`.
         begun, ended: times of the start and of the end.
         iterated: whether these are numbers of iterations.
+        notes: "beyond_guard", where the start is beyond a guard, which does not fire then, and the motion did not come
+            back; beyond_guard: () the same as a number, also under a transformation.
         domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
 
     Example:
@@ -124,6 +126,12 @@ class Trajectory(RunResult, eqx.Module):
     ended: Array | float = np.nan
     iterated: bool = eqx.field(static=True, default=False)
     state_labels: Labels = eqx.field(static=True, default=Labels())
+    beyond_guard: Any = 0.0
+
+    @property
+    def notes(self) -> frozenset[str]:
+        """Names of observations that come with every status, as those of a `Spectrum`."""
+        return frozenset({"beyond_guard"} if np.any(self.beyond_guard) else ())
 
     @property
     def domain(self) -> TimeDomain:
@@ -157,7 +165,8 @@ class Trajectory(RunResult, eqx.Module):
         rows = [
             (self.state_labels.name(i), *(f"{end[i]:.6g}" for end in ends)) for i in range(len(ends[0]) if ends else 0)
         ]
-        return Table(title, rows, [f"status {self.status}"], ("", "first", "last") if ends else ())
+        said = [f"status {self.status}", *(f"{note}: {NOTE_TEXTS[note]}" for note in self.notes)]
+        return Table(title, rows, said, ("", "first", "last") if ends else ())
 
     def _data(self) -> Data:
         state = ("body", "state") if self.x.ndim == 3 else ("state",)
@@ -171,7 +180,7 @@ class Trajectory(RunResult, eqx.Module):
         of_events["event_which"] = ("event", which) if np.ndim(which) == 1 else None
         variables = {"x": (("sample", *state), self.x), "mode": ("sample", self.mode), "j": ("sample", self.j)}
         coordinates = {"t": ("sample", np.asarray(self.t), timed), **states_along(labels, self.x.shape[-1])}
-        return Data(variables | of_events, coordinates, {"mode_names": self.mode_names})
+        return Data(variables | of_events, coordinates, {"mode_names": self.mode_names, "notes": self.notes})
 
 
 @explains_keywords
@@ -255,6 +264,7 @@ def trajectory(
         problems.time_of(outcome.loop_state),
         discrete,
         labels_of(system, problem.shape),
+        problems.beyond_guard(outcome.loop_state, numpy_for(outcome.loop_state.carry)),
     )
     return _deliver(result, throw, outcome, system)
 

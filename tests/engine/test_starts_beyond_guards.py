@@ -91,3 +91,12 @@ def test_a_diagram_does_not_follow_a_motion_that_never_fired():
     found = lh.bifurcation_diagram(coil, [2.0], {"peak": 1.0}, **how)
     assert [label == "beyond_guard" for label in found.labels.ravel()] == [True, False]
     assert np.all(found.points[1] < 2.5)
+
+
+@pytest.mark.parametrize(("start", "beyond"), [(0.5, False), (2.0, True)])
+def test_trajectories_say_it(start, beyond):
+    found = lh.trajectory(COIL, [start, 0.0], {"record": 0.0}, t1=4.0, n=8, mode="on")
+    assert found.notes == ({"beyond_guard"} if beyond else set())
+    assert ("beyond_guard: the start is beyond a guard" in str(found)) == beyond
+    flags = jax.jit(lambda x: lh.trajectory(COIL, x, {"record": 0.0}, t1=4.0, n=8, mode="on").beyond_guard)
+    assert bool(flags(jnp.array([start, 0.0]))) == beyond
