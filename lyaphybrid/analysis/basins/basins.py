@@ -46,7 +46,8 @@ class Basins(Result, eqx.Module):
         labels: index of the class of each start, in the shape of the grid, or (m,).
         names: of the classes: "attractor 0", … in the order of `attractors`, then names of statuses, then "undecided".
         attractors: their points (p, n), angles in (−π, π], modes (p,), and period in samples, 0 where points do not
-            repeat. Two that are nearer than 1e-5 of the extents are one.
+            repeat: those of a torus or of chaos, and of a limit cycle, as samples do not follow its period. Two that
+            are nearer than 1e-5 of the extents are one.
         shares: (classes,) parts of the starts; stderr: (classes,) of independent starts √(p (1 − p) / m).
         starts: (m, n), as rows in the order of the labels.
         axes: the varied components and their values, of a grid; empty for random starts.
