@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ... import _renamed as renamed
-from ..._arguments import Real, State, numbers, positive, real, require, require_values, shape, whole
+from ..._arguments import Progress, Real, State, numbers, positive, real, require, require_values, shape, whole
 from ..._jax.precision import require_double
 from ..._jax.tracing import as_jax
 from ...engine import preparation
@@ -34,7 +34,7 @@ from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
 from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, ConstantArgs, ParameterOf, states_over
-from .following import ASTRAY, Arc, follow, followed, point_of_orbit, resumed
+from .following import ASTRAY, Arc, BranchProgress, follow, followed, point_of_orbit, resumed
 from .locating import LocatedPoint
 from .shrinking import BOUNDARY_EQUILIBRIUM, HOPF
 
@@ -89,6 +89,7 @@ def continuation(
     max_points: int = 500,
     conserve: Any = None,
     modulo: Any = None,
+    progress: Progress = None,
 ) -> Continuation:
     """The branch of periodic orbits through x0, as a parameter changes, and its bifurcations.
 
@@ -130,6 +131,8 @@ def continuation(
         max_points: largest number of points to each side.
         conserve: as for `lh.floquet`.
         modulo: as for `lh.floquet`.
+        progress: None, True for a bar, or a function of the fraction done: of the way to the ends of `over`, which a
+            branch that turns back or ends need not reach.
 
     Returns:
         A `Continuation`. Where Newton's method fails on the way, it holds the points until then, and `ends` says so;
@@ -197,7 +200,8 @@ def continuation(
         orbit = special.orbit
     turns, near = 1 if special is None else special.turns_there, least_sizes(x0)
     equations = equations_of(system, args_of, (low, value, high), name, orbit, turns, options, near, given is None)
-    branch = _Branch(equations, name, orbit, (low, high), step, max_points, float(t0), labels)
+    reports = BranchProgress(progress, value, (low, high))
+    branch = _Branch(equations, name, orbit, (low, high), step, max_points, float(t0), labels, reports)
     if special is None:
         origin = _origin(equations, orbit, value)
         arcs = [Arc.begun(origin._replace(tangent=side * origin.tangent), step) for side in (-1.0, 1.0)]
@@ -378,17 +382,20 @@ class _Branch(NamedTuple):
     most: int
     t0: float
     labels: Labels
+    progress: BranchProgress
 
     def followed(self, origin: BranchPoint, arcs: list[Arc]) -> Continuation:
         """The branch with both arcs followed on."""
-        arcs = followed(arcs, lambda arc: follow(self.equations, arc, self.over, self.step, self.most))
+        how = self.over, self.step, self.most, self.progress
+        arcs = followed(arcs, lambda arc: follow(self.equations, arc, *how), self.progress)
         return self._as_result(origin, arcs)._resumed_by(functools.partial(self._again, origin, arcs))
 
     def _again(self, origin: BranchPoint, arcs: list[Arc], most: int | None, over) -> Continuation:
         name, wider = (self.name, self.over) if over is None else _named_range(over)
         require((name or CONSERVED_VALUE) == self.name, f"over must be the range of {self.name}; got {over!r}.")
         require_wider(self.name, wider, self.over)
-        return self._replace(over=wider, most=most or self.most).followed(origin, arcs)
+        silent = BranchProgress(None, wider[0], wider)
+        return self._replace(over=wider, most=most or self.most, progress=silent).followed(origin, arcs)
 
     def _as_result(self, origin: BranchPoint, arcs: list[Arc]) -> Continuation:
         """Both arcs as one branch, the first one reversed; the origin is the first point of each, or before it."""

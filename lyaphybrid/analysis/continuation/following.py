@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._arguments import Progress
 from ..._keywords import user_level
+from ...engine.host.reporting import reporter
 from ...errors import RunFailedError
 from ...statuses import STATUS
 from ..orbits.motion.motions import Node, states_of
@@ -61,11 +63,45 @@ class Arc(NamedTuple):
         return cls([start], [], STATUS.interrupted.name, step / 4)
 
 
-def followed(arcs: list[Arc], on: Callable[[Arc], Arc]) -> list[Arc]:
+class BranchProgress:
+    """Reports how far arcs to both sides of a start have come in the ranges of their parameters."""
+
+    def __init__(self, progress: Progress, start, ranges):
+        """`progress` as for `lh.lyapunov_spectrum`; the parameters (d,) at the start, and their ranges (d, 2)."""
+        self._report, self._ended, self._most = reporter(progress), 0, 0.0
+        self._start, (self._low, self._high) = np.atleast_1d(start), np.reshape(ranges, (-1, 2)).T
+
+    def passed(self, values) -> None:
+        """An arc has come to these parameters: the share is the largest of all, for branches may turn back."""
+        off = np.atleast_1d(values) - self._start
+        room = np.where(off > 0, self._high - self._start, self._start - self._low)
+        shares = np.abs(off) / np.where(room > 0, room, np.inf)
+        self._most = min(1.0, max(self._most, float(np.max(shares))))
+        self._report((self._ended + self._most) / 2)
+
+    def arc_ended(self) -> None:
+        """One of the two arcs has ended."""
+        self._ended, self._most = self._ended + 1, 0.0
+        self._report(min(1.0, self._ended / 2))
+
+    def ended(self) -> None:
+        """Nothing is to come."""
+        self._report(None)
+
+
+def followed(arcs: list[Arc], on: Callable[[Arc], Arc], progress: BranchProgress) -> list[Arc]:
     """The arcs to both sides, each followed on; one alone where it closes. After Ctrl-C the others stay as they are."""
+    try:
+        return _each_followed(arcs, on, progress)
+    finally:
+        progress.ended()
+
+
+def _each_followed(arcs: list[Arc], on: Callable[[Arc], Arc], progress: BranchProgress) -> list[Arc]:
     after: list[Arc] = []
     for i, arc in enumerate(arcs):
         after.append(on(arc) if arc.end in GOES_ON else arc)
+        progress.arc_ended()
         if after[-1].end == "closed":
             return after[-1:]
         if after[-1].end == STATUS.interrupted.name:
@@ -73,7 +109,9 @@ def followed(arcs: list[Arc], on: Callable[[Arc], Arc]) -> list[Arc]:
     return after
 
 
-def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step: float, most: int) -> Arc:
+def follow(
+    equations: BranchEquations, arc: Arc, over: tuple[float, float], step: float, most: int, progress: BranchProgress
+) -> Arc:
     """The branch from where an arc ends, until it leaves the range, closes or ends; or until Ctrl-C."""
     points, found, length = list(arc.points), list(arc.found), arc.length
     behind = None  # the point behind the last corner: without a step from there the branch ends
@@ -87,6 +125,7 @@ def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step
             ),
             between=lambda last, after, length: _between(equations, last, after, length, step),
             clear=lambda after: _with_clear_nodes(equations, after),
+            passed=lambda point: progress.passed(point.parameter),
         )  # fmt: skip
         if end != "no convergence" or points[-1] is behind:
             return Arc(points, found, end, length)
@@ -141,6 +180,7 @@ def walked(
     onward: Callable,
     between: Callable,
     clear: Callable,
+    passed: Callable,
 ) -> tuple[str, float]:
     """Append the points of a branch or curve and what is special on the way; why it ends, and the next step length.
 
@@ -153,6 +193,7 @@ def walked(
         onward: (last point, length) -> the next point, or None for a shorter step.
         between: (last point, next one, length) -> what is special between them, or None for a shorter step.
         clear: (point) -> the same with nodes that are clear of events.
+        passed: told each point, for a report.
     """
     try:
         while (end := reason(length < SHORTEST_STEP * step)) is None:
@@ -165,6 +206,7 @@ def walked(
             cleared = clear(after)  # before anything is noted, for Ctrl-C may come on the way
             found += met
             points.append(cleared)
+            passed(cleared)
             length = _next_length(length, after.iterations, step)
     except KeyboardInterrupt:
         return _interrupted(), length

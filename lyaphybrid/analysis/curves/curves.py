@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._arguments import Real, numbers, positive, require, require_values, shape, whole
+from ..._arguments import Progress, Real, numbers, positive, require, require_values, shape, whole
 from ..._jax.precision import require_double
 from ..._jax.tracing import as_jax
 from ...engine.preparation import grown_columns
@@ -28,7 +28,7 @@ from ..continuation.continuing import (
     require_wider,
 )
 from ..continuation.equations import BranchEquations, ParameterOf
-from ..continuation.following import Arc, followed
+from ..continuation.following import Arc, BranchProgress, followed
 from ..continuation.shrinking import HOPF
 from ..continuation.touching import found_touches
 from ..orbits.motion.motions import SAMPLES_PER_PIECE, Node
@@ -71,6 +71,7 @@ def bifurcation_curve(
     max_points: int = 500,
     conserve: Any = None,
     modulo: Any = None,
+    progress: Progress = None,
 ) -> BifurcationCurve:
     """The curve on which a bifurcation of periodic orbits stays one, as two parameters change.
 
@@ -109,6 +110,7 @@ def bifurcation_curve(
         max_points: largest number of points to each side.
         conserve: as for `lh.continuation`.
         modulo: as for `lh.continuation`.
+        progress: as for `lh.continuation`.
 
     Returns:
         A `BifurcationCurve`. Where Newton's method fails on the way it holds the points until then, and `ends` says so;
@@ -191,7 +193,8 @@ def bifurcation_curve(
             "fold of the curve begin at another value of the second parameter; (c) the orbit is not near enough.",
             orbit,
         )
-    curve = _Curve(equations, kind, names, orbit, tuple(ranges), step, max_points, float(t0), labels)
+    reports = BranchProgress(progress, first.pair, ranges)
+    curve = _Curve(equations, kind, names, orbit, tuple(ranges), step, max_points, float(t0), labels, reports)
     return curve.followed([Arc.begun(first._replace(tangent=side * first.tangent), step) for side in (-1.0, 1.0)])
 
 
@@ -266,11 +269,12 @@ class _Curve(NamedTuple):
     most: int
     t0: float
     labels: Labels
+    progress: BranchProgress
 
     def followed(self, arcs: list[Arc]) -> BifurcationCurve:
         """The curve with both arcs followed on."""
-        bounds, how = self._bounds(), (self.step, self.most)
-        arcs = followed(arcs, lambda arc: follow_curve(self.equations, self.kind, arc, bounds, *how))
+        bounds, how = self._bounds(), (self.step, self.most, self.progress)
+        arcs = followed(arcs, lambda arc: follow_curve(self.equations, self.kind, arc, bounds, *how), self.progress)
         return self._as_result(arcs)._resumed_by(functools.partial(self._again, arcs))
 
     def _again(self, arcs: list[Arc], most: int | None, over) -> BifurcationCurve:
@@ -281,7 +285,8 @@ class _Curve(NamedTuple):
             ranges = tuple(range_of(over[name]) for name in self.names)
         for name, wider, before in zip(self.names, ranges, self.ranges, strict=True):
             require_wider(name, wider, before)
-        return self._replace(ranges=ranges, most=most or self.most).followed(arcs)
+        silent = BranchProgress(None, [low for low, _ in ranges], ranges)
+        return self._replace(ranges=ranges, most=most or self.most, progress=silent).followed(arcs)
 
     def _bounds(self) -> list[CurveBound]:
         own = self.equations.condition.unknowns

@@ -6,7 +6,7 @@ from ...errors import RunFailedError
 from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
-from ..continuation.following import Arc, nodes_are_clear, shape_of, stepped, walked
+from ..continuation.following import Arc, BranchProgress, nodes_are_clear, shape_of, stepped, walked
 from ..continuation.locating import LostError
 from ..continuation.shrinking import HOPF, before_equilibrium
 from ..continuation.touching import FoundTouch, found_touches
@@ -33,7 +33,13 @@ ENDS_OF_PIECE = 0.15  # of its length: a touch nearer to its ends than this gets
 
 
 def follow_curve(
-    equations: CurveEquations, kind: str, arc: Arc, bounds: list[CurveBound], step: float, most: int
+    equations: CurveEquations,
+    kind: str,
+    arc: Arc,
+    bounds: list[CurveBound],
+    step: float,
+    most: int,
+    progress: BranchProgress,
 ) -> Arc:
     """The curve from where an arc ends, until it leaves a range, closes or ends; or until Ctrl-C."""
     points, found = list(arc.points), list(arc.found)
@@ -46,6 +52,7 @@ def follow_curve(
         ),
         between=lambda last, after, length: _between(equations, kind, last, after),
         clear=lambda after: _with_clear_nodes(equations, after),
+        passed=lambda point: progress.passed(point.pair),
     )  # fmt: skip
     if end == "no convergence" and _events_end(equations, points[-1], length, bounds):
         end = "grazing"

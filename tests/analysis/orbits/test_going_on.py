@@ -168,3 +168,40 @@ def test_a_branch_refuses_what_does_not_fit(how, words):
 def test_a_curve_refuses_what_does_not_fit(over, words):
     with pytest.raises(ValueError, match=words):
         folds().resume(over=over)
+
+
+def fractions(run):
+    """What a progress function is told."""
+    told: list[float] = []
+    return run(told.append), told
+
+
+@pytest.mark.parametrize("to", [3.2, 3.6])
+def test_progress_of_a_branch(to):
+    """The fixed point of the logistic map, followed to both ends; the reports rise, and end with all."""
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    over = {"args": (2.0, to)}
+    branch, told = fractions(
+        lambda progress: lh.continuation(logistic, [0.6], 2.5, over=over, period=1, progress=progress)
+    )
+    assert branch.ends == ("range", "range")
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert len(told) >= len(branch.values) - 1
+    _, silent = fractions(lambda progress: branch.resume(over={"args": (1.9, to)}))
+    assert silent == []
+
+
+@pytest.mark.slow
+def test_progress_of_a_curve():
+    henon = lh.Map(lambda n, x, args: jnp.stack([1 - args["a"] * x[0] ** 2 + x[1], args["b"] * x[0]]))
+    args = {"a": 0.3, "b": 0.3}
+    branch = lh.continuation(henon, [0.9, 0.27], args, over={"a": (0.1, 0.6)}, period=1)
+    (doubling,) = branch.of_kind("period doubling")
+    over = {"a": (0.1, 0.6), "b": (0.1, 0.5)}
+    curve, told = fractions(
+        lambda progress: lh.bifurcation_curve(henon, doubling, args, over=over, period=1, progress=progress)
+    )
+    assert len(curve.values) > 3
+    assert told == sorted(told)
+    assert told[-1] == 1.0
