@@ -16,6 +16,6 @@ def as_bits(mask):
 
 def in_bits(number, count: int, xp=jnp):
     """(…, count) the marks in a number (…) from `as_bits`; none where there are too many."""
-    known = np.arange(count) < MOST_BITS
-    weights = np.where(known, 2.0 ** np.minimum(np.arange(count), MOST_BITS), 1.0)
-    return (xp.floor(number[..., None] / xp.asarray(weights, number.dtype)) % 2 == 1) & known
+    place = np.arange(count).reshape(*[1] * number.ndim, count)
+    weights = xp.asarray(2.0 ** np.minimum(place, MOST_BITS), number.dtype)
+    return (xp.floor(number[..., None] / weights) % 2 == 1) & (place < MOST_BITS)

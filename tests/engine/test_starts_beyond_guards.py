@@ -100,3 +100,12 @@ def test_trajectories_say_it(start, beyond):
     assert ("beyond_guard: the start is beyond a guard" in str(found)) == beyond
     flags = jax.jit(lambda x: lh.trajectory(COIL, x, {"record": 0.0}, t1=4.0, n=8, mode="on").beyond_guard)
     assert bool(flags(jnp.array([start, 0.0]))) == beyond
+
+
+def test_of_several_runs_one_is_enough():
+    """Replicates from starts of which one is beyond."""
+    found = lh.lyapunov_spectrum(
+        COIL, jnp.array([[0.5, 0.0], [2.0, 0.0]]), {"record": 0.0}, t1=8.0, blocks=8, mode="on"
+    )
+    assert "beyond_guard" in found.notes
+    assert found.flags[:, 3].tolist() == [0.0, 1.0]
