@@ -27,10 +27,10 @@ UNEVEN = 300.0  # with a larger ratio of lengths in a panel the orthogonality er
 LOST = 1e-12  # after one jump a column is lost if its residual is below this, relative to its length before the jump
 DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length
 # After a jump whose terms are known: if its residual is below BY_TERMS · LOST, and its entries are rounding of their
-# terms, below n/2 · DEPENDENT of them. Columns that became short before, each by 1e-4, enlarge what rounding leaves of
-# a lost one, up to 2e-9 for 20 neurons, and real ones are as short: one that is so many times longer, and within eps of
-# its terms, is in doubt.
-BY_TERMS, EXAMINED = 10.0, 1e5
+# terms, below DEPENDENT of them, or n/2 times that where n > SUMS_OF_FEW. Columns that became short before, each by
+# 1e-4, enlarge what rounding leaves of a lost one, up to 2e-9 for 20 neurons, and real ones are as short: one that is
+# EXAMINED times longer, and within eps of its terms, is in doubt.
+BY_TERMS, EXAMINED, SUMS_OF_FEW = 10.0, 1e5, 16
 LOST_RESIDUAL = 4  # residual of a lost column in float32, in units of eps times its length
 DECIDES = 0.01  # an entry decides the length of a column if it is larger than this times the largest one
 # Number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too.
@@ -89,7 +89,8 @@ def orthonormalise_after_jump(
     cancellation is not rounding, however short it is. Also whether it is doubtful that the others are not lost.
     """
     tolerance = (1 if is_short(frame) else BY_TERMS) * _tolerance(frame, absolute, LOST)
-    examined, noise = EXAMINED * tolerance, max(1.0, frame.shape[0] / 2) * DEPENDENT
+    n = frame.shape[0]
+    examined, noise = EXAMINED * tolerance, DEPENDENT * (1.0 if n <= SUMS_OF_FEW else n / 2)
     columns, lengths = _columns_and_lengths(frame, kind, examined)
     short = lengths <= examined
     columns, lengths, lost, doubtful = jax.lax.cond(

@@ -77,10 +77,10 @@ def test_in_float32_a_column_is_lost_by_its_rounding(part):
 @pytest.mark.parametrize("part", [0.99, 1.01])
 @pytest.mark.parametrize("entry", [1, 2])
 def test_a_short_column_is_lost_if_all_its_entries_are_rounding(entry, part):
-    """2e-13 of their terms (n = 4), those of what is removed included: 3 + 2 · 1, and 7."""
+    """1e-13 of their terms, those of what is removed included: 3 + 2 · 1, and 7."""
     frame, sizes = np.zeros((4, 3)), np.zeros((4, 3))
     frame[0, :2], frame[3, 2] = (1.0, 2.0), 1.0  # two times the first column is removed from the second …
-    frame[entry, 1] = part * 2e-13 * (7.0 if entry == 2 else 5.0)
+    frame[entry, 1] = part * 1e-13 * (7.0 if entry == 2 else 5.0)
     sizes[0, 0], sizes[1, 0], sizes[1, 1], sizes[2, 1], sizes[3, 2] = 1.0, 1.0, 3.0, 7.0, 1.0  # … with its terms
     found, doubtful = frames.orthonormalise_after_jump(jnp.asarray(frame), "mgs", 1e-12, jnp.asarray(sizes))
     columns, log_r, lost = found

@@ -22,9 +22,10 @@ def moved_over(system, t, x, mode, before, after):
             continue
         was, now = (jnp.atleast_1d(transition.guard(t, x, args)) for args in (before, after))
         fell, rose = (was > 0) & (now <= 0), (was < 0) & (now >= 0)
-        passed = jnp.any({-1: fell, 1: rose, 0: fell | rose}[transition.direction])
+        passed = {-1: fell, 1: rose, 0: fell | rose}[transition.direction]
         if transition.when is not None:
-            passed &= transition.when(t, x, after)
+            passed &= transition.when(t, x, after)  # one for all components of the guard, or one for each
+        passed = jnp.any(passed)
         if transition.source is not None:
             ends = np.array([name in transition.source for name in system.mode_names])
             passed &= jnp.asarray(ends)[mode]

@@ -4,9 +4,10 @@ LLVM needs much longer to optimise a module than to translate it, and most progr
 optimisation would take (`benchmarks.first_calls` measures LLVM's part of a first call). So there are three codes:
 
 - translated code, in which every number lies in memory: ready at once;
-- code with numbers in registers: LLVM takes three or four times as long, the code a third to a half of the time;
-- optimised code: LLVM takes twice as long again, and more if there are many loops over memory, which become vectors and
-  are written out. Only with such loops is it much faster than the second, by up to four times.
+- code with numbers in registers: LLVM takes two to four times as long, nine times with many loops over memory, and the
+  code 0.3 to 0.7 of the time;
+- optimised code: LLVM takes twice as long again, and seven times with such loops, which become vectors and are written
+  out. Only with them is it much faster than the second, by two to four times.
 
 A program that is called repeatedly is only translated at first. If much is left to run, better code is made beside it,
 in a process of its own, and later calls use it. Where runs are repeated it is made when they have taken as long as it

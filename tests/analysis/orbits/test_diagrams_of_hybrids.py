@@ -141,3 +141,17 @@ def test_only_a_surface_that_moves_over_a_state_begins_anew(direction, sign):
     found = lh.bifurcation_diagram(relay, [0.0], {"theta": 2.0}, over={"theta": [0.8, 0.9, 1.5, 2.0]}, **how)
     # With θ > 1 "low" rests at 1; θ = 0.9 passes that, and from x = 0 it now switches to "high", which rests at 3.
     assert_allclose(found.points[:, 0, -1, 0], [3.0, 3.0, 1.0, 1.0], atol=1e-6)
+
+
+def test_a_condition_for_each_component_of_a_guard():
+    """Of two neurons the second one never fires, so that its threshold may move over it."""
+    spike = lh.Transition(
+        lambda t, v, args: args["theta"] - v,
+        lambda t, v, args, which: v.at[which].set(0.0),
+        when=lambda t, v, args: jnp.array([True, False]),
+    )
+    pair = lh.Hybrid(lambda t, v, args: 1.5 - v, spike)
+    how = {"over": {"theta": [0.7, 0.9]}, "period": 0.3, "directions": ("down",), "t1": 64, "transient": 100}
+    found = lh.bifurcation_diagram(pair, [0.0, 0.0], {"theta": 0.7}, **how)
+    assert np.all(found.points[:, 0, :, 0] <= np.reshape([0.7, 0.9], (2, 1)))
+    assert_allclose(found.points[:, 0, -1, 1], 1.5, atol=1e-6)
