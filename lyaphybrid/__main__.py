@@ -176,10 +176,7 @@ def _print_points(found, over: dict[str, Any]) -> int:
             print(f"{place}  {' '.join(f'{value: .6g}' for value in row)}  {verdict}")
     elif np.any(np.isfinite(exponents)):
         print(f"λ1 from {np.nanmin(exponents[:, 0]):.6g} to {np.nanmax(exponents[:, 0]):.6g}")
-    codes, counts = np.unique(status, return_counts=True)
-    pairs = zip(codes, counts, strict=True)
-    verdicts = (f"{count} {STATUS(int(code)).name if code >= 0 else 'not computed'}" for code, count in pairs)
-    print(f"{len(status)} points in {found.attrs['seconds']:.3g} s: {', '.join(verdicts)}")
+    print(f"{len(status)} points in {found.attrs['seconds']:.3g} s: {found.attrs['outcome']}")
     return WORKED if np.all(status >= 0) else INTERRUPTED
 
 

@@ -121,8 +121,13 @@ def written_out(function: Callable, *example) -> ClosedJaxpr:
 def inside(eqn) -> list[ClosedJaxpr]:
     """The jaxprs among the parameters of an equation: of a call, of branches, of the body of a loop."""
     values = [one for value in eqn.params.values() for one in (value if isinstance(value, tuple | list) else (value,))]
-    closed = [ClosedJaxpr(one, ()) if isinstance(one, Jaxpr) else one for one in values]
+    closed = [_closed(one) if isinstance(one, Jaxpr) else one for one in values]
     return [one for one in closed if isinstance(one, ClosedJaxpr)]
+
+
+def _closed(jaxpr: Jaxpr) -> ClosedJaxpr:
+    """A jaxpr whose constants the equation around it knows: here they are inputs, the first ones."""
+    return ClosedJaxpr(jaxpr.replace(constvars=[], invars=[*jaxpr.constvars, *jaxpr.invars]), ())
 
 
 def is_affine(function: Callable, x) -> bool:

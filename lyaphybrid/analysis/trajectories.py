@@ -12,7 +12,7 @@ from .. import plots
 from .._arguments import Real, State, attempts, flag, positive, whole
 from .._jax.tracing import array, as_jax, numpy_for, traced
 from .._keywords import explains_keywords
-from .._text import Table, with_unit
+from .._text import Table, as_html, as_text, with_unit
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts, ends_of_blocks
 from ..engine.host import driver
@@ -37,6 +37,8 @@ __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
 # Events that one compiled call can record; when the log is full it is emptied and the run goes on.
 EVENT_LOG_ROWS = 1024
 
+PRINTED_COLUMNS = 13  # of a table of events: those of systems of up to four components
+
 
 class Events(eqx.Module):
     """The jumps of a trajectory, in order.
@@ -48,7 +50,8 @@ class Events(eqx.Module):
         x_before, x_after: (e, n).
         state_labels: names and units of the components of a state, and the unit of time.
 
-    Iterating gives a dictionary of single numbers for each event, so that ``pandas.DataFrame(events)`` is a table.
+    It prints as a table of the first and the last events. Iterating gives a dictionary of single numbers for each
+    event, so that ``pandas.DataFrame(events)`` is a table, too.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -84,6 +87,25 @@ class Events(eqx.Module):
             columns |= {f"{self.state_labels.name(i)}_{side}": column for i, column in enumerate(flat.T)}
         lists = [np.asarray(column).tolist() for column in columns.values()]
         return (dict(zip(columns, row, strict=True)) for row in zip(*lists, strict=True))
+
+    def _shown(self) -> Table:
+        if traced(self):
+            return Table("Events(under a transformation)")
+        rows = list(self)
+        names = tuple(rows[0]) if rows else ()
+        kept, left = names[:PRINTED_COLUMNS], len(names[PRINTED_COLUMNS:])
+        cells = [[f"{row[name]:.6g}" for name in kept] for row in rows]
+        more = (f"and {left} more columns: pandas.DataFrame(events) has all of them",) if left else ()
+        return Table(f"{len(rows)} events", cells, more, kept)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return as_html(self._shown())
+
+    def __str__(self) -> str:
+        return as_text(self._shown())
+
+    __repr__ = __str__
 
 
 class Trajectory(RunResult, eqx.Module):

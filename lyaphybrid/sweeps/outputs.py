@@ -1,5 +1,6 @@
 """The results of the runs of a sweep, as named arrays."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -8,9 +9,9 @@ import numpy as np
 
 from .._arguments import require
 from ..results.spectrum import Spectrum, guard_unreached, step_too_long, unresolved
-from ..statuses import STATUS, gravest
+from ..statuses import STATUS, gravest, verdicts
 
-__all__ = ["NOTE_NAMES", "dims_of", "missing", "named", "spectra_in"]
+__all__ = ["NOTE_NAMES", "dims_of", "missing", "named", "outcome", "spectra_in"]
 
 NOTE_NAMES = (
     "grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached",
@@ -73,3 +74,26 @@ def missing(kind: np.dtype) -> Any:
     if np.issubdtype(kind, np.complexfloating) or np.issubdtype(kind, np.floating):
         return np.nan
     return False if kind == np.bool_ else -1 if np.issubdtype(kind, np.signedinteger) else np.iinfo(kind).max
+
+
+def outcome(variables: Mapping[str, Any]) -> str:
+    """How the runs of all spectra ended, and their notes, as in ``8 ok, 2 zeno; notes: 3 grazing``; "" without spectra.
+
+    Args:
+        variables: the arrays of a sweep by name.
+    """
+    last = {name: name.rpartition(".") for name in variables}
+    own = [f"{path}{dot}" for path, dot, end in last.values() if end == "losses"]
+    if not own:
+        return ""
+
+    def together(name: str) -> np.ndarray:
+        return np.concatenate([np.ravel(variables[f"{one}{name}"]) for one in own])
+
+    status, notes = together("status"), together("notes")
+    there = status >= 0
+    ended = [verdicts(status[there])] if np.any(there) else []
+    ended += [f"{np.sum(~there)} not computed"] if not np.all(there) else []
+    counts = {name: np.sum(notes[there] >> i & 1) for i, name in enumerate(NOTE_NAMES)}
+    seen = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return ", ".join(ended) + (f"; notes: {seen}" if seen else "")

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._arguments import require, whole
 from ..statuses import STATUS
+from .outputs import outcome
 from .plans import POINT, Runnable, plan
 from .sweeping import Work, function_of, xarray_module
 
@@ -154,7 +155,8 @@ def _joined(dataset, parts, lattice: "Lattice"):
     about = {name: value for name, value in dataset.attrs.items() if name not in ("dims", "shape", "problem")}
     sizes = {"levels": lattice.levels, "points_of_grid": int(np.prod(lattice.shape))}
     seconds = sum(part.attrs.get("seconds", 0.0) for part in parts)
-    return joined.assign_attrs(about | sizes | {"seconds": seconds})
+    ended = outcome({str(name): values.values for name, values in joined.data_vars.items()})
+    return joined.assign_attrs(about | sizes | {"seconds": seconds, "outcome": ended})
 
 
 class Lattice:

@@ -29,6 +29,8 @@ __all__ = [
     "tangent_frame",
 ]
 
+CONSISTENT = 1e-6  # distance from the constraints, in the units of their check, up to which a point is found
+
 
 def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
     """The point that satisfies the constraints and has the differential part E₁ x₀ of a guess.
@@ -41,7 +43,8 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
         t0: time.
 
     Returns:
-        x (n,) with E₁ x = E₁ x₀ and f₂(t0, x) = 0.
+        x (n,) with E₁ x = E₁ x₀ and f₂(t0, x) = 0. Under jit, vmap or grad, where nothing can be raised, nan if no such
+        point is found.
 
     Raises:
         ValueError: on arguments that do not fit.
@@ -63,18 +66,20 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
     shape("x0", x0)
     x0 = dae.field.whole_guess(jnp.asarray(numbers("x0", x0, float)))
     require_double("x0", x0, "consistent_start")
-    require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
+    known = traced(x0) or bool(np.all(np.isfinite(x0)))
+    require(x0.ndim == 1 and known, f"x0 must be a finite state (n,); got {x0!r}.")
     check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)
     x, off = _consistent(dae.field, x0, as_arrays(args, x0.dtype), jnp.asarray(t0, x0.dtype))
-    if not traced(x):
-        found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
-        lost = _checked_slopes(dae, x if found else x0, t0, args)
-        if not found:
-            raise NoConsistentPointError(
-                f"No consistent point with the differential part E₁ x of {x0} was found: the constraints are off by "
-                f"{float(off):.3g}. Start nearer to one, and check that [E₁; ∂f₂/∂x] is nonsingular there.{lost}",
-                x,
-            )
+    if traced(x):
+        return jnp.where(off < CONSISTENT, x, jnp.nan)
+    found = bool(np.all(np.isfinite(x))) and float(off) < CONSISTENT
+    lost = _checked_slopes(dae, x if found else x0, t0, args)
+    if not found:
+        raise NoConsistentPointError(
+            f"No consistent point with the differential part E₁ x of {x0} was found: the constraints are off by "
+            f"{float(off):.3g}. Start nearer to one, and check that [E₁; ∂f₂/∂x] is nonsingular there.{lost}",
+            x,
+        )
     return x
 
 
@@ -194,22 +199,29 @@ def _fixed_parts(field: Constrained, t, x, args) -> Any:
 
 @compiled()
 def _consistent(dae: Constrained, x0, args, t0):
-    """The consistent point and its distance: a dogleg search from far away, then Newton to rounding.
-
-    The search is in units of the largest component, which is its size of what counts as near; Newton's method has none.
-    """
+    """The consistent point and its distance: a dogleg search from far away, then Newton to rounding."""
     differential_part = dae.differential_part(t0, x0, args)
+    # The root has the derivative of the equations' solution, wherever its iteration began.
+    guess = _rough(dae, *jax.lax.stop_gradient((x0, args, t0)))
+    x, _ = solved(dae, args, t0, differential_part, guess, to_rounding(x0))
+    return x, dae.distance(t0, x, args, to_rounding(x0).atol)
+
+
+def _rough(dae: Constrained, x0, args, t0):
+    """A point near the consistent one, by a dogleg search.
+
+    It is in units of the largest component, which is its size of what counts as near.
+    """
+    wanted = dae.differential_part(t0, x0, args)
     largest = jnp.max(jnp.abs(x0))
     unit = jnp.where(largest > 0, largest, 1.0)
 
     def off(scaled, _):
         x = unit * scaled
-        away = [dae.differential_part(t0, x, args) - differential_part, dae.constraint(t0, x, args)]
+        away = [dae.differential_part(t0, x, args) - wanted, dae.constraint(t0, x, args)]
         return jnp.concatenate(away) / unit
 
-    rough = optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0 / unit, max_steps=256, throw=False).value
-    x, _ = solved(dae, args, t0, differential_part, unit * rough, to_rounding(x0))
-    return x, dae.distance(t0, x, args, to_rounding(x0).atol)
+    return unit * optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0 / unit, max_steps=256, throw=False).value
 
 
 @compiled()

@@ -3,8 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix
 
 from examples import primitives
+from lyaphybrid._jax.hashes import hash_of_function
 from lyaphybrid._jax.jaxprs import divided, partially_evaluated
 
 
@@ -49,3 +51,20 @@ def test_division_by_what_is_known():
     assert [eqn.primitive.name for eqn in early] == ["mul", "cos"]
     assert {eqn.primitive.name for eqn in late} == {"mul", "sin", "add"}
     assert kept == list(early[-1].outvars)
+
+
+def test_hashes_of_programs_whose_parts_have_constants():
+    """The parts of a linear solution are jaxprs with constants, which the equation around them holds."""
+
+    def solved(number):
+        def function(a):
+            return jax.lax.custom_linear_solve(lambda x: number * a * x, a, lambda _, b: b / (number * a))
+
+        return hash_of_function(function, jnp.ones(()))
+
+    assert solved(2.0) == solved(2.0) != solved(3.0)
+
+    def root(a):
+        return optimistix.root_find(lambda x, _: x**2 - a, optimistix.Newton(1e-9, 1e-9), a).value
+
+    assert hash_of_function(jax.grad(root), 2.0) == hash_of_function(jax.grad(root), 2.0)

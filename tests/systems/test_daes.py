@@ -654,3 +654,26 @@ def test_arguments_that_do_not_fit():
     nowhere = semi_explicit(residual=lambda t, x, args: jnp.stack([-x[1], x[1] ** 2 + 1 + x[0] ** 2]))
     with pytest.raises(lh.NoConsistentPointError, match="No consistent point"):
         lh.consistent_start(nowhere, [1.0, 1.0])
+
+
+CIRCLE = semi_explicit(residual=lambda t, x, args: jnp.stack([x[1], x[0] ** 2 + x[1] ** 2 - args]))
+
+
+def test_consistent_start_in_a_transformation():
+    def point(x0):
+        return lh.consistent_start(CIRCLE, x0, 1.0)
+
+    found = jax.jit(jax.vmap(point))(jnp.array([[0.6, 1.0], [0.8, 0.5], [2.0, 1.0]]))
+    assert_allclose(found, [[0.6, 0.8], [0.8, 0.6], [np.nan, np.nan]], atol=1e-15)
+    assert_allclose(jax.jacfwd(point)(jnp.array([0.6, 1.0])), [[1, 0], [-0.75, 0]], atol=1e-15)
+    assert_allclose(jax.grad(lambda r: lh.consistent_start(CIRCLE, [0.6, 1.0], r)[1])(1.0), 0.625, atol=1e-15)
+
+
+def test_consistent_start_in_a_sweep():
+    def run(args, x0):
+        x0 = lh.consistent_start(CIRCLE, x0, args)
+        return lh.lyapunov_spectrum(CIRCLE, x0, args, t1=0.1, throw=False)
+
+    found = lh.sweep(run, {"x0": [[0.6, 1.0], [2.0, 1.0]]}, args=1.0, progress=False)
+    assert [lh.STATUS(int(code)).name for code in found.status] == ["ok", "inconsistent_start"]
+    assert found.outcome == "1 ok, 1 inconsistent_start"

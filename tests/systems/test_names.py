@@ -105,6 +105,27 @@ def test_of_many_bodies_columns_are_named():
         lh.trajectory(balls.between_walls(names=("x",)), found.x[-1], t1=1.0)
 
 
+def test_events_print_as_a_table():
+    bouncing = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1]),
+        lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        names=("height", "speed"),
+    )
+    title, heads, first, *more = str(lh.trajectory(bouncing, [0.5, 0.0], t1=4.0, n=2).events).splitlines()
+    assert (title, len(more)) == ("2 events", 1)
+    events = heads.split()
+    assert events == (
+        ["t", "transition", "which", "mode_before", "mode_after"]
+        + ["height_before", "speed_before", "height_after", "speed_after"]
+    )
+    assert [float(dict(zip(events, first.split(), strict=True))[name]) for name in ("t", "speed_after")] == [1, 1]
+    assert str(lh.trajectory(bouncing, [0.5, 0.0], t1=0.5, n=2).events) == "0 events"
+    disks = lh.zoo.hard_disks(n=4)
+    many = lh.trajectory(disks.system, disks.x0, disks.args, t1=0.2, n=1).events
+    assert str(many).endswith("and 24 more columns: pandas.DataFrame(events) has all of them")
+    assert "<td>1</td>" in lh.trajectory(bouncing, [0.5, 0.0], t1=4.0, n=2).events._repr_html_()
+
+
 @pytest.mark.slow
 def test_sections_and_return_maps_keep_the_names():
     ball = KINDS["Hybrid"](**CALLED)
