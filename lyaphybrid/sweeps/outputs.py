@@ -82,8 +82,8 @@ def outcome(variables: Mapping[str, Any]) -> str:
     Args:
         variables: the arrays of a sweep by name.
     """
-    last = {name: name.rpartition(".") for name in variables}
-    own = [f"{path}{dot}" for path, dot, end in last.values() if end == "losses"]
+    paths = [name.removesuffix("losses") for name in variables if dims_of(name, 1) == ("exponent",)]
+    own = [path for path in dict.fromkeys(paths) if {f"{path}losses", f"{path}status", f"{path}notes"} <= {*variables}]
     if not own:
         return ""
 
