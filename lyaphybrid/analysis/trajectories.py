@@ -25,14 +25,14 @@ from ..results.time_domains import TimeDomain, time_domain
 from ..statuses import STATUS, nan_if_failed
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
-from ..systems.kinds import iterates
+from ..systems.kinds import System, iterates
 from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
 
-__all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
+__all__ = ["Events", "TangentMap", "Trajectory", "place_after", "tangent_map", "trajectory"]
 
 # Events that one compiled call can record; when the log is full it is emptied and the run goes on.
 EVENT_LOG_ROWS = 1024
@@ -266,10 +266,7 @@ def trajectory(
     discrete = iterates(system)
     ends = ends_of_blocks(t1, n, times, "t1")
     ends = array(numpy_for(ends).ceil(ends - 1e-9) if discrete else ends, x0.dtype)
-    room = 0 if discrete or isinstance(system, Flow) else EVENT_LOG_ROWS
-    plan = problems.RunPlan(log=room, collect=problems.point)
-    loop_state = driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
-    outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
+    outcome = _followed(problem, system, t0, x0, mode, ends, max_steps)
     xp = numpy_for(outcome.records)
     (t, x, modes, jumps), valid = jax.tree.map(xp.asarray, (outcome.records.collected, outcome.records.valid))
     x = problems.in_rows(problem, xp.where(valid[:, None], x, xp.nan))
@@ -289,6 +286,30 @@ def trajectory(
         problems.beyond_guard(outcome.loop_state, numpy_for(outcome.loop_state.carry)),
     )
     return _deliver(result, throw, outcome, system)
+
+
+def _followed(problem, system, t0, x0, mode, ends, max_steps) -> driver.Outcome:
+    room = 0 if iterates(system) or isinstance(system, Flow) else EVENT_LOG_ROWS
+    plan = problems.RunPlan(log=room, collect=problems.point)
+    loop_state = driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
+    return driver.drive(problem, plan, loop_state, ends, ends, max_steps)
+
+
+def place_after(
+    system: System, x0, args, *, attempts: int, t1: float, n: int, t0, mode, method: Method | None
+) -> tuple[Any, Any, Any] | None:
+    """Time, state and mode after so many attempts of a step; None if the motion ends before.
+
+    The program is that of a `trajectory` with as many samples n, although none is returned; so few attempts must not
+    reach t1.
+    """
+    problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    ends = array(ends_of_blocks(t1, n, None, "t1"), x0.dtype)
+    outcome = _followed(problem, system, t0, x0, mode, ends, attempts)
+    t, carry = problems.time_of(outcome.loop_state), outcome.loop_state.carry
+    if int(outcome.status) != STATUS.max_steps or not t > t0:
+        return None
+    return np.asarray(t), np.asarray(problems.in_rows(problem, carry.x)), np.asarray(problems.mode_of(carry, np))
 
 
 def _require_one(x0) -> None:

@@ -24,7 +24,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import System, iterates
 from ...systems.validation import check_functions
-from ..trajectories import Trajectory, tangent_map, trajectory
+from ..trajectories import Trajectory, place_after, tangent_map, trajectory
 from . import functions, jumps, motion
 from .constraints import check_what_is_fixed
 from .predictions import check_predictions
@@ -166,20 +166,9 @@ def _onward(system, problem):
     """The function (t, x, mode, attempts) -> t, x, mode after so many attempts; None where the motion ends before."""
 
     def onward(t, x, mode, attempts: int):
-        options = {
-            "t0": float(t),
-            "mode": int(mode) if isinstance(system, Hybrid) else None,
-            "n": SAMPLES,
-            "throw": False,
-        }
-        options["method"] = problem.method
-        probe = trajectory(system, x, problem.args, t1=FARTHEST_TIME, max_steps=attempts, **options)
-        passed = float(probe.ended) - float(t)
-        if probe.status is not STATUS.max_steps or not passed > 0:
-            return None
-        found = trajectory(system, x, problem.args, t1=passed, **options)
-        t, x, modes = map(np.asarray, (found.t, found.x, found.mode))
-        return (t[-1], x[-1], modes[-1]) if found.status is STATUS.ok else None
+        options = {"t1": FARTHEST_TIME, "n": SAMPLES, "t0": float(t), "method": problem.method}
+        options["mode"] = int(mode) if isinstance(system, Hybrid) else None
+        return place_after(system, x, problem.args, attempts=attempts, **options)
 
     return onward
 

@@ -22,6 +22,7 @@ DIRECTIONS = 3  # random ones
 SHIFT = 1e-5  # of a start, relative to its size
 MATRIX_ERROR = 1e-3  # a matrix is wrong if it differs from differences by more than this part
 STRETCHES, ATTEMPTS_PER_STRETCH = 8, 4000  # of a run that goes on to where a flow may be stiff
+FEW_COMPONENTS, LEAST_ATTEMPTS = 4, 400  # dimension up to which a stretch is so long; of more it shrinks
 ATTEMPTS_FOR_STEP = 100  # whose mean is the length of a step at a place
 FINER = 1e-2  # the tolerances of the run that is compared with
 
@@ -150,8 +151,9 @@ def _place(run: Trajectory, i: int) -> tuple[Any, Any, Any]:
 def _met_onward(problem: RunProblem, state, onward: Callable) -> list[tuple[Rates, float]]:
     """Rates, and lengths of steps, after each of `STRETCHES` further stretches of the motion."""
     met = []
+    attempts = max(LEAST_ATTEMPTS, ATTEMPTS_PER_STRETCH * FEW_COMPONENTS // max(FEW_COMPONENTS, np.size(state[1])))
     for _ in range(STRETCHES):
-        state = onward(*state, ATTEMPTS_PER_STRETCH)
+        state = onward(*state, attempts)
         after = None if state is None else onward(*state, ATTEMPTS_FOR_STEP)
         if state is None or after is None:
             break
