@@ -280,9 +280,8 @@ def _without_slopes(case: ExponentFunction, how: Mapping[str, Any]) -> Callable:
     def look(theta) -> DesignPoint:
         args = case.args_of(jnp.asarray(theta))
         found = lyapunov_spectrum(case.system, case.start(args), args, throw=False, **how)
-        status = STATUS(int(found.status_code))
         value, stderr = np.asarray(found.exponents[:1]), np.asarray(found.stderr[:1])
-        return DesignPoint(theta, value, stderr, None, status in WHOLE, (f"status: {status.name}",))
+        return DesignPoint(theta, value, stderr, None, found.status in WHOLE, (f"status: {found.status.name}",))
 
     return look
 

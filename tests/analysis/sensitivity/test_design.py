@@ -73,6 +73,17 @@ def test_the_edge_of_chaos_by_bisection():
     assert_allclose(found.exponents, [0], atol=2e-3)
 
 
+def test_bisection_over_replicates():
+    """Of the tent map with its fold at p: λ = −p ln p − (1 − p) ln(1 − p)."""
+    tent = lh.Map(lambda n, x, p: jnp.where(x < p, x / p, (1 - x) / (1 - p)))
+    found = lh.design(tent, [0.3123], 0.4, 0.6, t1=4000, over={"args": (0.1, 0.5)}, optimiser="bisection",
+                      key=jax.random.key(0), replicates=8)  # fmt: skip
+    assert found.converged, found
+    exact = scipy.optimize.brentq(lambda p: -p * np.log(p) - (1 - p) * np.log(1 - p) - 0.6, 0.1, 0.5)
+    slope = np.log((1 - exact) / exact)
+    assert_allclose(found.parameters["args"], exact, atol=5 * found.stderr[0] / slope)
+
+
 def test_bounds_on_one_side_are_no_bracket():
     found = logistic(0.0, r=2.8, over={"r": (2.6, 2.9)}, optimiser="bisection")
     assert (found.converged, found.trust) == (False, False)
