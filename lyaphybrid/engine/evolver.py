@@ -132,6 +132,11 @@ class AbstractEvolver(abc.ABC):
         """
         return jnp.where(jumps <= 1, LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
 
+    def tells_whole_step(self, carry: StepState) -> Any:
+        """Whether `tangent` was that of the whole last step; of several jumps at once it may be that of the first."""
+        del carry
+        return True
+
     def in_each_mode(self) -> tuple[Self, ...]:
         """The evolvers for the innermost loop, one per mode."""
         return (self,)

@@ -23,7 +23,7 @@ from ..native import seldom
 from ..statuses import OK, RUNNING, STATUS
 from . import stalling, waiting
 from .orthonormalising import needs_twice_the_digits, orthonormalise, step_with_twice_the_digits
-from .states import MOST_AT_ONCE, BlockRecord, Clock, LoopState, Settings, StepState, select, stop
+from .states import BlockRecord, Clock, LoopState, Settings, StepState, most_at_once, select, stop
 
 __all__ = ["advance"]
 
@@ -67,7 +67,7 @@ def _block(
     def within(carry, in_span=False):
         inside = _inside(settings, clock, carry)
         if carry.log is not None:  # leave room for one event and its whole cascade
-            inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
+            inside = inside & (carry.log.count <= settings.log - most_at_once(carry.x, carry.log))
         if not in_span:
             return inside & (carry.budget > 0)
         # Where ending a span changes rounding, the budget must not end it: results may not depend on how the host
@@ -131,9 +131,12 @@ def _span(settings: Settings, clock: Clock, within, carry: StepState, ahead, int
     before = jnp.sum(carry.losses)
     # Where directions are lost, an entry that may be rounding may decide later whether another one is: look now.
     may_hide = jax.lax.cond(before > 0, may_be_rounding, lambda _: jnp.asarray(False), end[0].frame)
-    loses = (jnp.sum(end[0].losses) > before) | may_hide
+    loses = jnp.sum(end[0].losses) > before
     once_more = seldom(functools.partial(step_with_twice_the_digits, settings, clock))
-    return jax.lax.cond(loses, lambda start, _: once_more(*start), lambda _, end: end, start, end)
+    whole = settings.evolver.tells_whole_step(end[0])
+    if settings.qr_schedule.automatic:  # as after a loss that is looked at closely
+        end = (*end[:2], jnp.where(loses, jnp.ones_like(end[2]), end[2]), end[3])
+    return jax.lax.cond((loses | may_hide) & whole, lambda start, _: once_more(*start), lambda _, end: end, start, end)
 
 
 def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahead, interval, spread):

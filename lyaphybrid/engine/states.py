@@ -25,6 +25,7 @@ __all__ = [
     "Observer",
     "added",
     "log_event",
+    "most_at_once",
     "restart",
     "select",
     "stop",
@@ -232,6 +233,12 @@ def log_event(log: EventLog | None, entry: EventLog, real: Any = True) -> EventL
 
     filled = jax.tree.map(put, log._replace(count=None), entry._replace(count=None))
     return filled._replace(count=log.count + jnp.asarray(real, jnp.int32))
+
+
+def most_at_once(x, log: EventLog | None) -> int:
+    """Most jumps at one instant, for which a log must have room: each component may have one of its own."""
+    most = max(MOST_AT_ONCE, x.shape[0])
+    return most if log is None else min(most, max(MOST_AT_ONCE, log.t.shape[0] // 2))
 
 
 def added(carry: StepState, **terms) -> StepState:

@@ -14,6 +14,7 @@ first guard, and only the pushforward is repeated. No n×n matrix is formed: col
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -23,6 +24,7 @@ from .._jax.magnitudes import absolute
 
 __all__ = [
     "Sizes",
+    "event_time",
     "event_time_shifts",
     "instant",
     "pushforward",
@@ -50,6 +52,32 @@ def instant(guard, t, x, f):
 def event_time_shifts(slopes: Float[Array, " k"], rate) -> Float[Array, " k"]:
     """How much later each column meets the guard, δτ (k,), from ∇h·dx (k,) and the guard's rate."""
     return -slopes / jnp.where(rate == 0, 1.0, rate)
+
+
+@eqx.filter_custom_jvp
+def event_time(t, in_time, guard, operands):
+    """The time t of an event with the derivatives that its guard gives, for however it was found.
+
+    Args:
+        t: the time.
+        in_time: whether guard(t, operands) = 0 holds there; where not, t keeps its own derivatives.
+        guard: (t, operands) -> number, which closes over nothing that is traced.
+        operands: a pytree.
+    """
+    del in_time, guard, operands
+    return t
+
+
+@event_time.def_jvp
+def _(primals, tangents):
+    t, in_time, guard, operands = primals
+    own, _, _, changes = tangents
+    own = jnp.zeros_like(t) if own is None else own
+    if not jax.tree.leaves(changes):
+        return t, own
+    slope = eqx.filter_jvp(lambda operands: guard(t, operands), (operands,), (changes,))[1]
+    rate = jax.jvp(lambda t: guard(t, operands), (t,), (jnp.ones_like(t),))[1]
+    return t, jnp.where(in_time, event_time_shifts(slope, rate), own)
 
 
 def pushforward(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):

@@ -21,7 +21,7 @@ class Schedule(eqx.Module):
     The state has one row per body and is held in comoving coordinates, which are constant between events. An event
     changes only the rows that it touches, and only predictions that involve them are renewed. Time counts from the
     last rebasing, at which comoving and ordinary coordinates are equal; so the motion must not depend on the time
-    explicitly.
+    explicitly. No event may bring the guard of another one beyond zero: perturbations of such a run end as nonfinite.
 
     Args:
         init: ``(t, y, args) -> cache``, all predictions, a pytree of arrays.
@@ -85,7 +85,9 @@ class EventDriven(eqx.Module):
             at that time except that the prediction is renewed; this is not counted as a jump. It is asked again in the
             middle of a flight, also within rounding of the event, which it must not step over, and just after the
             event: a time that is computed as the next multiple of a period may do either; keep a timer in the state.
-            Of events at one instant it chooses the first; that another order would lead elsewhere is not noted.
+            Of events at one instant it chooses the first; that another order would lead elsewhere is not noted. An
+            event that is due at once because a jump has brought its guard beyond zero, as the spike of a neuron that
+            is lifted over its threshold, belongs to the instant of that jump; at most 64 or n follow each other so.
         jump: ``(t, x, args, which) -> x⁺``.
         guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it gives the derivative of the
             event time with respect to the state.

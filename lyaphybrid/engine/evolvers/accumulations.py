@@ -1,4 +1,4 @@
-"""Accumulating (Zeno) events in closed-form flows: detect when floating point no longer separates them."""
+"""Events of closed-form flows without time between them: those that accumulate (Zeno), or that a jump brings about."""
 
 from typing import Any
 
@@ -10,16 +10,39 @@ from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ...events.saltations import instant
 from .landing import SHRUNK_INTERVAL, SMALLEST_INTERVAL
 
-__all__ = ["accumulated", "hidden_below", "named"]
+__all__ = ["accumulated", "brought_about", "hidden_below", "named"]
 
 MOST_SHORT_INTERVALS = 30  # more short intervals in a row end the run
+LATE = 1e-9  # part of the longest interval by which a guard that the flow brought to zero may be beyond it
 
 
 def hidden_below(guard, t, x, velocity) -> Array:
     """The longest flight from a guard (t, x) -> number and back to it that the guard's rounding can hide."""
-    gradient, moving, rate = instant(guard, t, x, velocity)
-    guard_tolerance = digits(GUARD_ROUNDING, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    guard_tolerance, rate = _rounding(guard, t, x, velocity)
     return 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
+
+
+def brought_about(guard, t, x, velocity, longest, before=None) -> Array:
+    """Whether it was a jump, or the start, and not the flow, that brought the guard of an event that is due to zero.
+
+    Args:
+        guard: (t, x) -> number.
+        t: the instant.
+        x: (n,) the state.
+        velocity: (n,) of the flow there.
+        longest: the longest interval between two events.
+        before: (n,) the state before the jumps of this instant, if it is known.
+    """
+    guard_tolerance, rate = _rounding(guard, t, x, velocity)
+    least = 4 * guard_tolerance + digits(LATE, x) * longest * jnp.abs(rate)
+    beyond = guard(t, x) < -least
+    return beyond if before is None else beyond | (jnp.abs(guard(t, before)) > least)
+
+
+def _rounding(guard, t, x, velocity) -> tuple[Array, Array]:
+    """The rounding of a guard (t, x) -> number, and its rate along the flow."""
+    gradient, moving, rate = instant(guard, t, x, velocity)
+    return digits(GUARD_ROUNDING, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t)), rate
 
 
 def accumulated(dt, longest, streak, more: Any = 1.0, again=None, hides=None) -> tuple[Array, Array, Array]:

@@ -18,13 +18,13 @@ from jaxtyping import Array
 from ..._jax.columns import each_column
 from ..._jax.precision import share
 from ..._linalg import frames, lost_directions
-from ...events.saltations import event_time_shifts
+from ...events.saltations import event_time, event_time_shifts
 from ...native import seldom
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ..evolver import AbstractEvolver
 from ..states import STRETCHED, Clock, EventLog, Settings, StepState, added, log_event, stop
-from .accumulations import accumulated, hidden_below, named
+from .accumulations import accumulated, brought_about, hidden_below, named
 from .exact import integers, is_event, since_after
 
 __all__ = ["Scheduled", "predicting_anew"]
@@ -169,7 +169,9 @@ class Scheduled(AbstractEvolver):
         t, which, solver = flight.t, flight.which, carry.solver_state
         index = self.rows.components(which)
         rows, real = carry.x[index], is_event(which)
-        linear = functools.partial(self._linear, t, rows, which)
+        beyond = self._is_beyond(carry, t, rows, which) & real
+        t = event_time(t, real & ~beyond, _guard_at, (self.rows, rows, which))
+        linear = functools.partial(self._linear, t, rows, which, ~beyond)
         new = self.rows.jump(t, rows, which)
         x, frame, growth = _with_rows(carry.x, index, new), carry.frame, None
         if frame.shape[1] > 0:
@@ -207,7 +209,8 @@ class Scheduled(AbstractEvolver):
         )
         carry = carry if carry.log_volume is None else added(carry, log_volume=frames.log_abs_det(matrix()))
         carry = stop(carry, STATUS.zeno, over)
-        return stop(carry, STATUS.nonfinite, ~jnp.isfinite(jnp.sum(new) + t))
+        unknown = beyond & (longest > 0) if frame.shape[1] > 0 else False  # perturbations that the event before moved
+        return stop(carry, STATUS.nonfinite, ~jnp.isfinite(jnp.sum(new) + t) | unknown)
 
     def once(self, settings: Settings, clock: Clock, carry: StepState, flight: ScheduledEvent) -> StepState:
         """Through the event, or to the end of the block; then rebase."""
@@ -224,12 +227,13 @@ class Scheduled(AbstractEvolver):
         crosses = flight.lands & is_event(which)
         rest = 1 - jnp.where(crosses, jnp.sum(place, axis=0), 0.0)
         rows = carry.x[index]
+        in_time = ~self._is_beyond(carry, t, rows, which)
         after = _with_rows(carry.x, index, self.rows.jump(t, rows, which))
         dt = jnp.where(flight.lands, t, clock.limit(carry) - carry.solver_state.start)
         x, dt = jnp.where(crosses, after, carry.x), jnp.where(jnp.isfinite(dt), dt, 0.0)
 
         def linear(dx):
-            pushed = self._linear(t, rows, which, place @ dx)
+            pushed = self._linear(t, rows, which, in_time, place @ dx)
             moved = rest * dx + jnp.where(crosses, pushed @ place, 0.0)
             return jax.jvp(lambda y: self.rows.flow(dt, y), (x,), (moved,))[1]
 
@@ -249,14 +253,25 @@ class Scheduled(AbstractEvolver):
         size = jnp.sum(jnp.log(jnp.where(lengths > 0, lengths, 1.0)))
         dependent = frames.log_abs_det(matrix) <= size + math.log(frames.DEPENDENT)
 
-        linear = functools.partial(self._linear, t, rows, which)
+        linear = functools.partial(self._linear, t, rows, which, jnp.asarray(True))
         if not lost_directions.is_precise(linear, rows):
             return dependent
         closely = seldom(lambda: jnp.isneginf(lost_directions.log_volume(linear, m, rows.dtype)))
         return jax.lax.cond(dependent, closely, lambda: jnp.asarray(False))
 
-    def _linear(self, t, rows, which, dy):
-        """S dy (m,) of the touched rows, linear in dy."""
+    def _is_beyond(self, carry: StepState, t, rows, which):
+        """Whether an event at the instant of the one before, or of the start, did not come by the flow."""
+        solver = carry.solver_state
+
+        def beyond():
+            return brought_about(
+                lambda t, rows: self.rows.guard(t, rows, which), t, rows, jnp.zeros_like(rows), solver.longest
+            )
+
+        return jax.lax.cond(t <= solver.now, beyond, lambda: jnp.asarray(False))
+
+    def _linear(self, t, rows, which, in_time, dy):
+        """S dy (m,) of the touched rows, linear in dy; Dg dy of an event whose time is that of the start."""
 
         def guard(t, rows):
             return self.rows.guard(t, rows, which)
@@ -266,6 +281,7 @@ class Scheduled(AbstractEvolver):
 
         moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
         of_slope = event_time_shifts(moving, jax.jvp(guard, (t, rows), (moving, still))[1])
+        of_slope = jnp.where(in_time, of_slope, 0.0)
         event_time_shift = of_slope * jax.jvp(lambda rows: guard(t, rows), (rows,), (dy,))[1]
         return jax.jvp(jump, (t, rows), (event_time_shift, dy))[1]
 
@@ -299,6 +315,12 @@ class Scheduled(AbstractEvolver):
         if clock.interval is not None:
             return carry, self.propose_step(carry, clock)
         return carry, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
+
+
+def _guard_at(t, operands):
+    """The guard of an event that touches these rows, which is zero at its time."""
+    functions, rows, which = operands
+    return functions.guard(t, rows, which)
 
 
 def _with_rows(array: Array, index: Array, rows: Array) -> Array:
