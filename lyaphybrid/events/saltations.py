@@ -73,6 +73,7 @@ def _(primals, tangents):
     t, in_time, guard, operands = primals
     own, _, _, changes = tangents
     own = jnp.zeros_like(t) if own is None else own
+    t = event_time(t, in_time, guard, operands)  # for derivatives of this derivative
     if not jax.tree.leaves(changes):
         return t, own
     slope = eqx.filter_jvp(lambda operands: guard(t, operands), (operands,), (changes,))[1]

@@ -6,13 +6,15 @@ import jax
 import jax.numpy as jnp
 
 from ..._jax.columns import each_column
+from ..._jax.jaxprs import explicit
 from ..._jax.magnitudes import absolute
 from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ..._linalg import frames
 from ...events.bits import as_bits, in_bits
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import rates, rounding
-from ...integrators.divergences import trace
+from ...events.saltations import event_time
+from ...integrators.small_steps import flown, moved_on, rates_of_flow
 from ...statuses import STATUS
 from ..orthonormalising import accumulate, orthonormalise_and_accumulate
 from ..states import Clock, Settings, StepState, added, select, stop
@@ -143,34 +145,52 @@ def _are_now(evolver, mode, t, x, lands, spans):
 
 
 def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepState:
-    """Two second-order Taylor steps onto the guard; the second is differentiable, the location of the root was not.
+    """Two second-order Taylor steps onto the guard; then derivatives, which the location of the root did not have.
 
     Of several guards the one with the earliest root is taken. The second step identifies it, because it starts so close
     that the roots are known to rounding.
-
-    Frames are moved to first order only: as the step tends to zero, its derivative is still correct.
     """
     hybrid = evolver.hybrid
 
     def of_mode(q):
+        field, guards = hybrid.fields[q], hybrid.guards[q]
+
         def polish(t, x, frame, log_volume):
             def once(i, state):
-                t, x, frame, log_volume, shift = state
-                f, second = _rates_of_flow(hybrid.fields[q], t, x)
-                g, rate = rates(hybrid.guards[q], t, x, f)
+                t, x, frame, log_volume, shift, _ = state
+                f, second = rates_of_flow(field, t, x)
+                g, rate = rates(guards, t, x, f)
                 guard_index = jnp.argmin(jnp.where(lands, _until_zero(g, rate), jnp.inf))
                 step = -g[guard_index] / jnp.where(rate[guard_index] == 0, 1.0, rate[guard_index])
-                step = jnp.where(ticking | (rate[guard_index] == 0), 0.0, step)
-                step = jnp.where(i == 0, jax.lax.stop_gradient(step), step)
-                return t + step, *_flown(hybrid.fields[q], step, (f, second), t, x, frame, log_volume), shift + step
+                crosses = ~ticking & (rate[guard_index] != 0)
+                step = jax.lax.stop_gradient(jnp.where(crosses, step, 0.0))
+                state = t + step, *flown(field, step, (f, second), t, x, frame, log_volume)
+                return *state, shift + step, jnp.where(crosses, guard_index, -1)
 
-            return jax.lax.fori_loop(0, 2, once, (t, x, frame, log_volume, jnp.zeros_like(t)))
+            start = t, x, frame, log_volume, jnp.zeros_like(t), jnp.argmin(lands) * 0 - 1
+            t, x, frame, log_volume, shift, guard_index = jax.lax.fori_loop(0, 2, once, start)
+            (field_of, of_field), (guards_of, of_guards) = (explicit(one, t, x) for one in (field, guards))
+            operands = of_field, of_guards, t, x, guard_index
+            late = event_time(jnp.zeros_like(t), guard_index >= 0, _guard_later(field_of, guards_of), operands)
+            return *moved_on(field_of, of_field, late, t, x, frame, log_volume), shift + late
 
         return polish
 
     start = (clock.base + carry.s, carry.x, carry.frame, carry.log_volume)
-    _, x, frame, log_volume, shift = by_mode(carry.solver_state.mode, [of_mode(q) for q in range(hybrid.modes)], *start)
+    found = by_mode(carry.solver_state.mode, [of_mode(q) for q in range(hybrid.modes)], *start)
+    x, frame, log_volume, shift = found
     return added(carry._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
+
+
+def _guard_later(field, guards):
+    """A guard after a short time dt, to second order, as a function (dt, (numbers, numbers, t, x, index))."""
+
+    def value(dt, operands):
+        of_field, of_guards, t, x, index = operands
+        f, second = rates_of_flow(lambda t, x: field(of_field, t, x), t, x)
+        return guards(of_guards, t + dt, x + dt * (f + 0.5 * dt * second))[index]
+
+    return value
 
 
 def _to_end(evolver, clock: Clock, carry: StepState) -> StepState:
@@ -185,9 +205,14 @@ def _to_end(evolver, clock: Clock, carry: StepState) -> StepState:
         step = clock.length - carry.s
 
         def of_mode(q):
+            field = hybrid.fields[q]
+
             def along(t, x, frame, log_volume):
-                f, second = _rates_of_flow(hybrid.fields[q], t, x)
-                return f + step * second, *_flown(hybrid.fields[q], step, (f, second), t, x, frame, log_volume)
+                length = jax.lax.stop_gradient(step)
+                after = flown(field, length, rates_of_flow(field, t, x), t, x, frame, log_volume)
+                field_of, numbers = explicit(field, t, x)
+                x, *after = moved_on(field_of, numbers, step - length, t + length, *after)
+                return field(t + step, x), x, *after
 
             return along
 
@@ -196,22 +221,6 @@ def _to_end(evolver, clock: Clock, carry: StepState) -> StepState:
         return changed(carry._replace(s=clock.length, x=x, frame=frame, log_volume=log_volume), f=f)
 
     return jax.lax.cond(clock.over(carry), move, lambda carry: carry, carry)
-
-
-def _rates_of_flow(field, t, x):
-    """The first and second time derivatives (n,) of the state along the flow."""
-    return jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
-
-
-def _flown(field, step, rates_of_flow, t, x, frame, log_volume):
-    """A tiny step of the state, to second order, and of the frame and ∫ tr Df dt, to first."""
-    f, second = rates_of_flow
-
-    def slope(dx):
-        return jax.jvp(lambda y: field(t, y), (x,), (dx,))[1]
-
-    log_volume = None if log_volume is None else log_volume + step * trace(field, t, x)
-    return x + step * (f + 0.5 * step * second), frame + step * each_column(slope, frame), log_volume
 
 
 def _within_reach(carry: StepState, last_step) -> StepState:
