@@ -35,7 +35,7 @@ from .closures import goes_along, repeats, rests
 from .families import energy_moved, family_of
 from .motion.invariants import conserved_of, require_conserved
 from .motion.motions import Motion, Node, sized
-from .motion.returns import close_return
+from .motion.returns import close_return, least_period
 from .multipliers import matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .points import at_start, nearest
@@ -298,6 +298,10 @@ def _orbit_near(
         require_conserved(flow, trial)
     flow = sized(flow, trial, is_default, start)
     orbit = newton(flow, placed(flow, point, guess, segments), guess, autonomous, max_iterations)
+    if autonomous and flow.symmetry is None:
+        least = least_period(flow, orbit.pieces, orbit.period, orbit.extents)
+        if least < orbit.period:
+            orbit = newton(flow, placed(flow, orbit.nodes[0], least, segments), least, autonomous, max_iterations)
     base = orbit.nodes[0]
     if autonomous:
         end = nearest(flow, base, orbit.period, start, orbit.extents)

@@ -9,7 +9,7 @@ from ....errors import NoPeriodicOrbitError, RunFailedError
 from .motions import Motion, MotionPiece, Node, states_of
 from .sizes import LEAST_SCALE, extents_of, sizes_of
 
-__all__ = ["CLOSE_RETURN", "close_return"]
+__all__ = ["CLOSE_RETURN", "close_return", "least_period"]
 
 CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
 AS_NEAR_RETURN = 3.0  # of the nearest return: so far away an earlier one may be
@@ -20,6 +20,8 @@ MOVES = 1e-10  # extents below this part of the state are rounding
 ROUNDING_OF_SPEED = 1e-14  # of the terms of the velocity: less is rounding
 DOUBLINGS = 14  # doublings of the time of the motion up to which a return is searched …
 LONG = 100.0  # the typical time is no more than this times the first one
+PARTS_OF_PERIOD = (2, 3, 5, 7, 11, 13)  # after which an orbit may have closed already
+HAS_CLOSED = 1e-8  # of the motion's extents: distance within which it has
 MORE_DOUBLINGS = 50  # … with so many more where it begins much shorter, at a zero of a component
 
 
@@ -126,3 +128,33 @@ def _first_times(flow: Motion, start: Node) -> tuple[float, float]:
         return 1e-3 / float(np.max(speed)), 1e-3 / float(np.max(speed))
     first, typical = float(each[(len(each) - 1) // 2]), float(each[len(each) // 2])
     return first, min(typical, LONG * first)
+
+
+def least_period(flow: Motion, pieces: list[MotionPiece], period: float, units: np.ndarray) -> float:
+    """The least period of an orbit of which a multiple was found, as the nearest one of many returns.
+
+    Args:
+        flow: the motion.
+        pieces: those of the orbit, in order.
+        period: the one that was found.
+        units: (n,) extents of the components.
+    """
+    start, samples = pieces[0].start, [states_of(piece) for piece in pieces]
+    begun = np.cumsum([0.0, *(piece.length for piece in pieces[:-1])])
+    times = np.concatenate([own + offset for (own, _, _), offset in zip(samples, begun, strict=True)])
+    away = flow.apart(start.x, np.concatenate([points for _, points, _ in samples]), units)[0]
+
+    if not np.max(away) > WENT_AWAY:  # it rests
+        return period
+
+    def closes(part: float) -> bool:
+        beside = np.searchsorted(times, part) + np.arange(-2, 2)
+        if np.min(away[np.clip(beside, 0, len(times) - 1)]) > CLOSE_RETURN:  # a look at samples costs nothing
+            return False
+        end = flow.piece(start, part)
+        return end.mode == flow.mode(start) and flow.apart(start.x, np.asarray(end.x)[None], units)[0][0] < HAS_CLOSED
+
+    for number in PARTS_OF_PERIOD:
+        while closes(period / number):
+            period = period / number
+    return period
