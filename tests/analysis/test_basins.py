@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from benchmarks.capabilities.basins import gap, newton
 from lyaphybrid.analysis.basins import measures
+from lyaphybrid.analysis.basins.recognition import Attractor, Metric, arrived
 
 KEY = jax.random.key(0)
 WELLS = lh.Flow(lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - 0.5 * x[1]]), names=("x", "v"))
@@ -250,3 +251,16 @@ def test_it_says_what_it_found():
 def test_what_cannot_be_is_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+def test_motions_on_a_cycle_amid_a_wide_set_are_on_the_cycle():
+    """Blocks that topple tumble for ever and spread: near each state there is a line through two of their points."""
+    draw = np.random.default_rng(0)
+    wide = Attractor(draw.uniform([-4000, -6], [2000, 6], (4000, 2)), np.zeros(4000, int), 0, 0.7)
+    cycle = Attractor(np.array([[0.0123, 0.4341]]), np.zeros(1, int), 1, 1e-5)
+    metric = Metric(np.array([6000.0, 12.0]), ())
+    on_cycle = cycle.points + draw.uniform(-1e-6, 1e-6, (20, 8, 2))
+    elsewhere = draw.uniform([-4000, -6], [2000, 6], (20, 8, 2))
+    points = np.concatenate([on_cycle, elsewhere])
+    found = arrived(points, np.zeros(points.shape[:2], int), metric, [cycle, wide])
+    assert found.tolist() == [0] * 20 + [1] * 20

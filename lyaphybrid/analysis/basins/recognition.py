@@ -185,6 +185,9 @@ def arrived(points: np.ndarray, modes: np.ndarray, metric: Metric, attractors: S
     if not attractors:
         return np.full(len(points), -1, np.int32)
     far = np.array([np.max(distances(one, points, modes, metric), axis=1) / one.radius for one in attractors])
+    # Among the points of a wide set any state is near a line through some of them, also one on a cycle.
+    on_cycle = np.any(far[[one.period > 0 for one in attractors]] < 1.0, axis=0)
+    far[[one.period == 0 for one in attractors]] += np.where(on_cycle, np.inf, 0.0)
     label = np.argmin(far, axis=0).astype(np.int32)
     nearest, second = np.sort(np.concatenate([far, np.full_like(far[:1], np.inf)]), axis=0)[:2]
     return np.where((nearest < 1.0) & (nearest <= UNCERTAIN * second), label, np.int32(-1))
