@@ -104,7 +104,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
     event = transition, which, jnp.where(ticking, -1, guard_index)
     meeting = Meeting(*(one & ~jnp.asarray(at_once) for one in (allowed, together & ~whens)))
     crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, meeting, at_once, trial.h, unsure)
-    crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking))
+    crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking, mode))
     return select(blocked, stop(carry, STATUS.deadlock), crossed)
 
 
@@ -355,26 +355,31 @@ def _bends(landing: CascadeState):
     return jnp.max(jnp.abs(through - landing.f)) > digits(1e-9, size) * size
 
 
-def _keep_clocks(evolver, clock: Clock, carry: StepState, trial: Trial, ticking) -> StepState:
-    """Advance the clock that has ticked, and clocks that were not armed, to their next tick."""
+def _keep_clocks(evolver, clock: Clock, carry: StepState, trial: Trial, ticking, mode) -> StepState:
+    """Advance the clock that has ticked, and clocks that were not armed in the mode before, to their next tick."""
     if not evolver.hybrid.clocks:
         return carry
-    t = clock.base + carry.s
-    ticked = ticking & (jnp.arange(len(evolver.clock_times), dtype=jnp.int32) == trial.tick)
+    t, count = clock.base + carry.s, len(evolver.clock_times)
+    ticked = ticking & (jnp.arange(count, dtype=jnp.int32) == trial.tick)
     number = carry.solver_state.ticks + ticked.astype(carry.solver_state.ticks.dtype)
+    armed = table(evolver, mode, evolver.hybrid.armed)
     rounding_of_time = unresolved(carry, clock)
     number = [
-        _tick_to_come(t, number[i], period, phase, rounding_of_time)
+        _tick_to_come(t, number[i], period, phase, rounding_of_time, armed[i])
         for i, (period, phase) in enumerate(evolver.clock_times)
     ]
     return changed(carry, ticks=jnp.stack(number))
 
 
-def _tick_to_come(t, number, period, phase, rounding_of_time):
-    """The number of a clock's next tick: what passed while it was not armed is over, what rounding made late comes."""
+def _tick_to_come(t, number, period, phase, rounding_of_time, armed):
+    """The number of a clock's next tick: what passed while it was not armed is over, what rounding made late comes.
+
+    A clock that this instant has armed ticks later: it is as if the run began there.
+    """
     slack = digits(1e-9, t)
-    late = t - phase - period * number > slack * period + rounding_of_time
-    return jnp.where(late, jnp.ceil((t - phase) / period - slack), number)
+    late, rounding = t - phase - period * number, slack * period + rounding_of_time
+    number = jnp.where(~armed & (jnp.abs(late) <= rounding), number + 1, number)
+    return jnp.where(late > rounding, jnp.ceil((t - phase) / period - slack), number)
 
 
 def _still_waiting(arrived: StepState, landing: CascadeState, guard_index):
