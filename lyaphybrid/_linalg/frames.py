@@ -182,13 +182,19 @@ def _square_root(square):
 def _scaled(columns, squares):
     """Normalise orthogonal columns; returns them and their lengths (k,)."""
     lengths = _square_root(squares)
-    return columns / jnp.maximum(lengths, nonzero(SMALLEST_LENGTH, lengths))[None, :], lengths
+    there = lengths > nonzero(SMALLEST_LENGTH, lengths)
+    return columns / jnp.where(there, lengths, 1.0)[None, :], lengths
 
 
 def _inverse(square, floors, j):
     """1/|column j|²; 0 where the column is lost."""
-    inverse = 1 / jnp.maximum(square, nonzero(SMALLEST_LENGTH, square))
-    return inverse if floors is None else jnp.where(square > floors[j], inverse, 0.0)
+    return _reciprocal(square, square > (0.0 if floors is None else jnp.maximum(floors[j], 0.0)))
+
+
+def _reciprocal(value, wanted):
+    """1/value, and 0 where it is not wanted or too small: a division there makes reverse derivatives nan."""
+    wanted = wanted & (value > nonzero(SMALLEST_LENGTH, value))
+    return jnp.where(wanted, 1 / jnp.where(wanted, value, 1.0), 0.0)
 
 
 def _by_columns(frame, floors=None):
@@ -300,7 +306,7 @@ def _entry_by_entry(frame, sizes, tolerance, noise, judged=lambda y, rounding: j
         length = _column_norms(y)
         gone = (length <= tolerance[j]) & judged(y, jnp.abs(y) <= digits(noise, y) * size)
         doubtful |= ~gone & jnp.all(jnp.abs(y) <= eps(y) * size)
-        inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
+        inverse = _reciprocal(length, ~gone)
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
         return *new, lengths.at[j].set(length), lost.at[j].set(gone), doubtful
 
@@ -417,8 +423,8 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
             rest = rest - jnp.sum(overlap[:, None, :] * frame[None, :, :], axis=-1)
         lengths = _column_norms(rest.T)
         best = jnp.argmax(lengths)
-        fresh = rest[best] / jnp.maximum(lengths[best], nonzero(SMALLEST_LENGTH, lengths))
         wanted = (j >= count) & (lengths[best] > digits(1e-6, lengths))
+        fresh = rest[best] / jnp.where(wanted, lengths[best], 1.0)  # no nan in reverse derivatives of what is not taken
         return jnp.where(wanted & (jnp.arange(k) == j)[None, :], fresh[:, None], frame)
 
     return jax.lax.fori_loop(0, k, fill, frame), source

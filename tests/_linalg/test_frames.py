@@ -117,3 +117,15 @@ def test_the_columns_after_a_lost_one_keep_their_lengths(kind):
     _, log_r, lost = orthonormalise(jnp.asarray(frame), kind, frames.LOST, frames.LOST)
     assert np.asarray(lost).tolist() == [False, False, True, False]
     assert_allclose(log_r[3], np.log(np.abs(np.linalg.qr(frame[:, [0, 1, 3]])[1][2, 2])), atol=1e-12)
+
+
+@pytest.mark.parametrize("relative", [0.0, 1e-13])
+@pytest.mark.parametrize("second", [[1.0, 0.0], [0.0, 0.0], [0.6, 0.8]])
+def test_reverse_derivatives_beside_a_lost_column(second, relative):
+    def first_length(matrix):
+        columns, log_r, _ = frames.orthonormalise(matrix, "mgs", 1e-12 * relative, relative)
+        return log_r[0] + columns[1, 0]
+
+    matrix = jnp.stack([jnp.array([0.6, 0.8]), jnp.array(second)], axis=1)
+    assert_allclose(jax.grad(first_length)(matrix), jax.jacfwd(first_length)(matrix), atol=1e-14)
+    assert np.all(np.isfinite(jax.grad(first_length)(matrix)))

@@ -304,3 +304,22 @@ def test_a_start_outside_its_mode_is_refused(verb):
             verb(block, [start, 1.0], t1=3.0, mode=mode)
     for mode, start in (("sliding", 0.0), ("sliding", 1e-12), ("minus", -0.7), ("plus", 0.0), ("minus", 0.0)):
         assert verb(block, [start, 1.0], t1=3.0, mode=mode).status == lh.STATUS.ok
+
+
+@pytest.mark.slow
+def test_reverse_derivatives_after_a_lost_direction():
+    """A block that slips, sticks and slips: the direction that sticking destroys made all reverse derivatives nan."""
+
+    def slips(sign):
+        return lambda t, x, force: jnp.stack([x[1], force * jnp.cos(0.5 * t) - x[0] - 0.4 * sign])
+
+    block = lh.filippov(slips(1), slips(-1), lambda t, x, force: x[1])
+
+    def found(force):
+        spectrum = lh.lyapunov_spectrum(block, jnp.array([0.0, 0.5]), force, t1=10.0, transient=0.0, blocks=2)
+        return jnp.stack([spectrum.exponents[0], spectrum.x[0]])
+
+    assert np.isneginf(lh.lyapunov_spectrum(block, [0.0, 0.5], 0.8, t1=10.0, transient=0.0).exponents[1])
+    forward = jax.jacfwd(found)(0.8)
+    assert np.all(np.abs(forward) > 0.1)
+    assert_allclose(jax.jacrev(found)(0.8), forward, rtol=1e-9)
