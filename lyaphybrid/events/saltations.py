@@ -77,6 +77,7 @@ def _(primals, tangents):
     if not jax.tree.leaves(changes):
         return t, own
     slope = eqx.filter_jvp(lambda operands: guard(t, operands), (operands,), (changes,))[1]
+    slope = jnp.zeros_like(t) if slope is None else slope  # the guard depends on nothing that changes
     rate = jax.jvp(lambda t: guard(t, operands), (t,), (jnp.ones_like(t),))[1]
     return t, jnp.where(in_time, event_time_shifts(slope, rate), own)
 
