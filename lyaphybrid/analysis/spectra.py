@@ -143,7 +143,7 @@ def lyapunov_spectrum(
         checkpoint: path of a file to which the state of the run is written every few seconds, after Ctrl-C and at the
         end.
         resume: go on from that file, if it is there: the result is bit by bit that of a run that never stopped. A run
-            that is finished goes on to a longer t1.
+            that is finished goes on to a longer t1: this is another run, for steps end where it ended.
 
     Returns:
         A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite, stalled,

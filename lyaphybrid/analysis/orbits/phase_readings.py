@@ -1,5 +1,6 @@
 """At what phase of a cycle a motion is that has come back to it."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,8 +20,9 @@ ANCHORINGS = 8  # most corrections of the time at which it is passed
 LEAST_SPAN = 0.01  # least range of a component, relative to its size, by which distances are measured
 
 
-class MovingOn(NamedTuple):
-    """What moves, for runs from the cycle."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class MovingOn:
+    """What moves, for runs from the cycle; no pytree, so that results can hold it with the arrays in it."""
 
     system: Flow | Hybrid
     args: Any

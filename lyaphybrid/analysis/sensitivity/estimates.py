@@ -120,8 +120,10 @@ def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple
     require(bool(known), f"args has no floating-point number to differentiate by, got {args!r}: write 1.0 for 1.")
     wanted = known if free is None else list(free)
     wrong = [name for name in wanted if name not in known]
-    integers = "".join(f" {name} is an integer in args: write 2.0 for 2." for name in wrong if name in named)
-    require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.{integers}")
+    hints = [f" {name} is an integer in args: write 2.0 for 2." for name in wrong if name in named]
+    wholes = {name: name.partition("[")[0] for name in wrong}
+    hints += [f" {name} is one entry: name {one}, all of it." for name, one in wholes.items() if one in known]
+    require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.{''.join(hints)}")
     parts, fixed = eqx.partition(args, jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in wanted, args))
     leaves, structure = jax.tree.flatten(parts)
     theta = np.concatenate([np.ravel(leaf) for leaf in leaves])

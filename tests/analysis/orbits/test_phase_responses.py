@@ -111,6 +111,15 @@ def test_a_neuron_in_closed_form():
     assert_allclose(apart - found.period * np.round(apart / found.period), 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("current", [np.float64(2.0), jnp.asarray(2.0)])
+def test_parameters_may_be_arrays(current):
+    """A neuron's time from its reset to its threshold is ln 2; equinox must not warn of arrays that it sees."""
+    neuron = lh.Hybrid(
+        lambda t, v, args: args["I"] - v, lh.Transition(lambda t, v, args: 1.0 - v[0], lambda t, v, args: 0 * v)
+    )
+    assert_allclose(lh.phase_response(neuron, [0.5], {"I": current}, phases=4).period, np.log(2), rtol=1e-11)
+
+
 @pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact", "neuron")
 @pytest.mark.parametrize("name", CYCLES)
 def test_the_flow_leads_ahead_by_its_time(name):

@@ -314,6 +314,7 @@ def test_designs_are_symmetric():
         ({"degree": 0}, "degree"),
         ({"key": None}, "key=jax.random.key"),
         ({"over": ["mu"]}, "over must name some of args"),
+        ({"over": ["args[0]"]}, r"args\[0\] is one entry: name args, all of it"),
     ],
 )
 def test_bad_input(keywords, says):
