@@ -120,7 +120,8 @@ class Trajectory(RunResult, eqx.Module):
         begun, ended: times of the start and of the end.
         iterated: whether these are numbers of iterations.
         notes: "beyond_guard", where the start is beyond a guard, which does not fire then, and the motion did not come
-            back; beyond_guard: () the same as a number, also under a transformation.
+            back; "simultaneous", where several events were due at one instant and another order leads elsewhere.
+        beyond_guard, simultaneous: () the same as numbers, also under a transformation.
         domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
 
     Example:
@@ -149,11 +150,12 @@ class Trajectory(RunResult, eqx.Module):
     iterated: bool = eqx.field(static=True, default=False)
     state_labels: Labels = eqx.field(static=True, default=Labels())
     beyond_guard: Any = 0.0
+    simultaneous: Any = 0.0
 
     @property
     def notes(self) -> frozenset[str]:
         """Names of observations that come with every status, as those of a `Spectrum`."""
-        return frozenset({"beyond_guard"} if np.any(self.beyond_guard) else ())
+        return frozenset(name for name in ("beyond_guard", "simultaneous") if np.any(getattr(self, name)))
 
     @property
     def domain(self) -> TimeDomain:
@@ -187,7 +189,7 @@ class Trajectory(RunResult, eqx.Module):
         rows = [
             (self.state_labels.name(i), *(f"{end[i]:.6g}" for end in ends)) for i in range(len(ends[0]) if ends else 0)
         ]
-        said = [f"status {self.status}", *(f"{note}: {NOTE_TEXTS[note]}" for note in self.notes)]
+        said = [f"status {self.status}", *(f"{note}: {NOTE_TEXTS[note]}" for note in sorted(self.notes))]
         return Table(title, rows, said, ("", "first", "last") if ends else ())
 
     def _data(self) -> Data:
@@ -284,6 +286,7 @@ def trajectory(
         discrete,
         labels_of(system, problem.shape),
         problems.beyond_guard(outcome.loop_state, numpy_for(outcome.loop_state.carry)),
+        problems.summary_of(outcome.loop_state, numpy_for(outcome.loop_state.carry))[2],
     )
     return _deliver(result, throw, outcome, system)
 

@@ -163,3 +163,21 @@ def test_orders_differ_by_a_small_component_too(unit):
     found = lh.solutions(lh.Hybrid(rates, timers), [0.0, 0.0, 5 * unit], t1=1.5)
     ends = sorted(float(one.spectrum.x[2]) / unit for one in found.solutions)
     assert_allclose(ends, [1.0, 2.0], rtol=1e-12)
+
+
+CORNERS = [(1.0, 0.3, {"simultaneous"}), (1.1, 0.3, set()), (1.0, 0.0, set())]
+
+
+@pytest.mark.parametrize(("height", "mixed", "notes"), CORNERS)
+def test_trajectories_note_that_an_order_matters(height, mixed, notes):
+    """Two walls that are met at one instant; each adds part of the other velocity, and such resets do not commute."""
+    corner = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[2], x[3], 0 * x[0], 0 * x[0]]),
+        [
+            lh.Transition(lambda t, x, a: x[0], lambda t, x, a: jnp.stack([x[0], x[1], -x[2] + mixed * x[3], x[3]])),
+            lh.Transition(lambda t, x, a: x[1], lambda t, x, a: jnp.stack([x[0], x[1], x[2] + mixed * x[3], -x[3]])),
+        ],
+    )
+    found = lh.trajectory(corner, [1.0, height, -1.0, -1.0], t1=1.5)
+    assert found.notes == notes
+    assert ("simultaneous:" in str(found)) == bool(notes)
