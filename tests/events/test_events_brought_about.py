@@ -140,6 +140,10 @@ def test_with_a_schedule_the_perturbations_of_such_a_run_are_refused():
     assert len(found.events) == len(spikes)
     with pytest.raises(lh.RunFailedError, match="give next_event instead"):
         lh.lyapunov_spectrum(by_schedule(), START[:2], 0.3, t1=3.0)
+    (finding,) = (one for one in lh.check(by_schedule(), START[:2], 0.3).findings if one.topic == "instants")
+    assert (finding.verdict, "give next_event instead" in finding.text) == ("wrong", True)
+    (finding,) = (one for one in lh.check(by_schedule(), START[:2], -0.1).findings if one.topic == "instants")
+    assert finding.verdict == "right"
     apart = lh.tangent_map(by_schedule(), START[:2], -0.1, t1=3.0)  # no spike brings about another
     assert_allclose(apart.matrix, by_differences(START[:2], -0.1, 3.0), atol=1e-8)
     start = lh.tangent_map(by_schedule(), [0.5, 1.2], 0.1, t1=0.3)

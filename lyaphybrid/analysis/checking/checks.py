@@ -27,7 +27,7 @@ from ...systems.validation import check_functions
 from ..trajectories import Trajectory, place_after, tangent_map, trajectory
 from . import functions, jumps, motion
 from .constraints import check_what_is_fixed
-from .predictions import check_predictions
+from .predictions import check_instants, check_predictions
 from .report import Finding, Report, noted, right, wrong
 from .smoothness import check_smoothness
 
@@ -110,6 +110,7 @@ def check(
         found += check_what_is_fixed(system, problem.args, _visited(run)[0])
         found += functions.check_clocks(own, begin, state)
         found += check_predictions(system, problem.args, run, (begin, state))
+        found += check_instants(system, problem.args, run, (begin, state))
         flowing = None if iterates(system) or isinstance(system, EventDriven) else _flowing(problem, begin, start)
         found += _of_run(system, run, problem, own, flowing, step)
         found += ended

@@ -11,11 +11,13 @@ import numpy as np
 
 from ..._jax.engines import for_once
 from ..._jax.precision import is_short
+from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
+from ..spectra import lyapunov_spectrum
 from ..trajectories import Trajectory
 from .report import Finding, right, wrong
 
-__all__ = ["check_predictions"]
+__all__ = ["check_instants", "check_predictions"]
 
 FLIGHTS = 12  # looked at: from the start, and from the first events
 PARTS = (0.5, 1e-3)  # of a flight that are left
@@ -30,6 +32,19 @@ class _Flight(NamedTuple):
     x: np.ndarray
     dt: float
     which: list
+
+
+def check_instants(system: Any, args: Any, run: Trajectory, start: tuple) -> list[Finding]:
+    """Whether a perturbation passes the events of a run from `start`, (t, x), of a system with a schedule."""
+    t, x = start
+    length = float(run.t[-1]) - float(t)
+    if not isinstance(system, EventDriven) or system.schedule is None or is_short(x) or not 0 < length < np.inf:
+        return []
+    passed = lyapunov_spectrum(system, x, args, t0=float(t), t1=length, transient=0.0, k=1, throw=False)
+    if passed.status is not STATUS.nonfinite:
+        return [right("instants", f"no event of {len(run.events)} was brought about by another one's jump")]
+    at = f"An event at t = {float(passed.t):.6g} comes at once after another, whose jump brought it about."
+    return [wrong("instants", f"{at} With a schedule perturbations cannot pass it: give next_event instead.")]
 
 
 def check_predictions(system: Any, args: Any, run: Trajectory, start: tuple) -> list[Finding]:
