@@ -33,8 +33,7 @@ DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its pr
 BY_TERMS, EXAMINED, SUMS_OF_FEW = 10.0, 1e5, 16
 LOST_RESIDUAL = 4  # residual of a lost column in float32, in units of eps times its length
 DECIDES = 0.01  # an entry decides the length of a column if it is larger than this times the largest one
-# Number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too.
-REORTHOGONALISATIONS = 4
+REORTHOGONALISATIONS = 4  # times that earlier columns are removed: then rows of 1e-60 times the others are accurate too
 SMALLEST_LENGTH = 1e-290  # lower bound of a length, to avoid division by zero
 
 
@@ -169,8 +168,7 @@ def tracked(relative: float) -> bool:
 
 def _column_norms(v):
     """The Euclidean norm along the first axis, with a derivative at 0."""
-    square = jnp.sum(v * v, axis=0)
-    return _square_root(square)
+    return _square_root(jnp.sum(v * v, axis=0))
 
 
 def _square_root(square):
@@ -182,19 +180,18 @@ def _square_root(square):
 def _scaled(columns, squares):
     """Normalise orthogonal columns; returns them and their lengths (k,)."""
     lengths = _square_root(squares)
-    there = lengths > nonzero(SMALLEST_LENGTH, lengths)
-    return columns / jnp.where(there, lengths, 1.0)[None, :], lengths
+    return columns / _divisor(lengths)[None, :], lengths
 
 
 def _inverse(square, floors, j):
     """1/|column j|²; 0 where the column is lost."""
-    return _reciprocal(square, square > (0.0 if floors is None else jnp.maximum(floors[j], 0.0)))
+    there = square > (0.0 if floors is None else jnp.maximum(floors[j], 0.0))
+    return jnp.where(there, 1 / _divisor(square, there), 0.0)
 
 
-def _reciprocal(value, wanted):
-    """1/value, and 0 where it is not wanted or too small: a division there makes reverse derivatives nan."""
-    wanted = wanted & (value > nonzero(SMALLEST_LENGTH, value))
-    return jnp.where(wanted, 1 / jnp.where(wanted, value, 1.0), 0.0)
+def _divisor(value, wanted: Any = True):
+    """The value where it is wanted and not too small, else 1: a division by 0 makes reverse derivatives nan."""
+    return jnp.where(wanted & (value > nonzero(SMALLEST_LENGTH, value)), value, 1.0)
 
 
 def _by_columns(frame, floors=None):
@@ -306,7 +303,7 @@ def _entry_by_entry(frame, sizes, tolerance, noise, judged=lambda y, rounding: j
         length = _column_norms(y)
         gone = (length <= tolerance[j]) & judged(y, jnp.abs(y) <= digits(noise, y) * size)
         doubtful |= ~gone & jnp.all(jnp.abs(y) <= eps(y) * size)
-        inverse = _reciprocal(length, ~gone)
+        inverse = jnp.where(gone, 0.0, 1 / _divisor(length, ~gone))
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
         return *new, lengths.at[j].set(length), lost.at[j].set(gone), doubtful
 
@@ -424,7 +421,7 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
         lengths = _column_norms(rest.T)
         best = jnp.argmax(lengths)
         wanted = (j >= count) & (lengths[best] > digits(1e-6, lengths))
-        fresh = rest[best] / jnp.where(wanted, lengths[best], 1.0)  # no nan in reverse derivatives of what is not taken
+        fresh = rest[best] / _divisor(lengths[best], wanted)
         return jnp.where(wanted & (jnp.arange(k) == j)[None, :], fresh[:, None], frame)
 
     return jax.lax.fori_loop(0, k, fill, frame), source

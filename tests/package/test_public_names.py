@@ -102,7 +102,7 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "analysis.trajectories.TangentMap",
     "plots.indicators.intervals",
     "systems.consistency.consistent_start",
-    "analysis.trajectories.Events",
+    "results.events.Events",
     "systems.event_queue.EventQueue",
     "systems.contacts.rigid_contacts.impact",
     "plots.orbits.time_domain",

@@ -9,8 +9,9 @@ from matplotlib.colors import to_hex
 
 import lyaphybrid as lh
 from lyaphybrid import plots
-from lyaphybrid.analysis.trajectories import Events, Trajectory
+from lyaphybrid.analysis.trajectories import Trajectory
 from lyaphybrid.plots.axes import varying
+from lyaphybrid.results.events import Events
 from lyaphybrid.results.spectrum import History, Spectrum
 
 

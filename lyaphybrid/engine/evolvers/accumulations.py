@@ -13,7 +13,7 @@ from .landing import SHRUNK_INTERVAL, SMALLEST_INTERVAL
 __all__ = ["accumulated", "brought_about", "hidden_below", "named"]
 
 MOST_SHORT_INTERVALS = 30  # more short intervals in a row end the run
-LATE = 1e-9  # part of the longest interval by which a guard that the flow brought to zero may be beyond it
+LATEST_CROSSING = 1e-9  # part of the longest interval by which a guard that the flow brought to zero may be beyond it
 
 
 def hidden_below(guard, t, x, velocity) -> Array:
@@ -34,7 +34,7 @@ def brought_about(guard, t, x, velocity, longest, before=None) -> Array:
         before: (n,) the state before the jumps of this instant, if it is known.
     """
     guard_tolerance, rate = _rounding(guard, t, x, velocity)
-    least = 4 * guard_tolerance + digits(LATE, x) * longest * jnp.abs(rate)
+    least = 4 * guard_tolerance + digits(LATEST_CROSSING, x) * longest * jnp.abs(rate)
     beyond = guard(t, x) < -least
     return beyond if before is None else beyond | (jnp.abs(guard(t, before)) > least)
 

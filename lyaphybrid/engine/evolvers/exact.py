@@ -27,7 +27,7 @@ from .accumulations import accumulated, brought_about, hidden_below, named
 
 __all__ = ["Exact", "integers", "is_event", "since_after"]
 
-NUMBERS = 5  # of the solver state, before the label of the last event
+STORED = 5  # of the solver state, before the label of the last event
 
 
 class Instant(NamedTuple):
@@ -68,7 +68,7 @@ class Exact(AbstractEvolver):
         """(5 + size of `which`,) what `_store_event` needs; predictions are not stored, each is made from the state."""
         del mode, h
         names = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.which_shape(t, x)))
-        return jnp.zeros(NUMBERS + names, x.dtype).at[NUMBERS:].set(-1.0) + 0 * t
+        return jnp.zeros(STORED + names, x.dtype).at[STORED:].set(-1.0) + 0 * t
 
     def onto_mode(self, mode, t, x):
         """There are no modes, and no constraints."""
@@ -237,7 +237,7 @@ class Exact(AbstractEvolver):
 
     def tells_whole_step(self, carry: StepState):
         """`tangent` is that of one event."""
-        return carry.solver_state[NUMBERS - 1] == 0
+        return carry.solver_state[STORED - 1] == 0
 
     def once(self, settings: Settings, clock: Clock, carry: StepState, flight: NextEvent) -> StepState:
         """Flow to the event and through it, or to the end of the block."""
@@ -297,7 +297,7 @@ class Exact(AbstractEvolver):
         """
         dt, (_, _, longest, streak) = flight.dt, carry.solver_state[:4]
         name = named(flight.which, carry.x.dtype)
-        again = flight.lands & jnp.all(name == carry.solver_state[NUMBERS:])
+        again = flight.lands & jnp.all(name == carry.solver_state[STORED:])
         nothing = digits(1e-9, dt) * jnp.maximum(longest, dt)
         longest, streak, over = accumulated(dt, longest, streak, again=again, hides=hides)
         numbers = jnp.stack([carry.s, dt, longest, streak, several.astype(carry.x.dtype)])

@@ -23,7 +23,7 @@ GLOBAL = 40.0  # the error of the motion by fixed steps of order p is taken as A
 
 
 def hardly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial):
-    """(slots,) the guards whose rate at the end of a trial is known to less than two digits.
+    """(slots,) the guards whose rate at the end of a trial is known to less than two digits, and those that turn soon.
 
     An error δ of the guard moves its root by δ/ġ, and changes the rate there by g̈ δ/ġ. The saltation matrix has 1/ġ.
     """
@@ -31,7 +31,7 @@ def hardly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial):
     slow = (trial.h > 0) & (jnp.abs(trial.rate) < STEPS_TO_TURN * carry.solver_state.h * jnp.abs(bend))
     wanted = jnp.any(firing(evolver, carry.solver_state) & slow)
     errors = _errors_of_guards(evolver, carry, clock, bend, wanted)
-    return (trial.h > 0) & (jnp.abs(bend) * errors > UNKNOWN_PART * trial.rate**2)
+    return (trial.h > 0) & (jnp.abs(bend) * errors > UNKNOWN_PART * trial.rate**2), slow
 
 
 def nearly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial, bracket: RootBracket):

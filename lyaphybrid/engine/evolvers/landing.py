@@ -42,7 +42,7 @@ __all__ = ["apply_event"]
 MOST_EXAMINED = 16  # the terms of the columns' entries are followed where there are no more components
 # A column that a jump makes so short, of entries so small beside their terms, may be what errors leave of a lost one.
 COLUMN_NOISE = 1e-12
-GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller
+GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller, and the guard turns soon
 # An interval between events is short below this, relative to the step and to the longest interval.
 SHORT_INTERVAL = 1e-5
 AT_START = 1e-12  # an event within this part of a step of the start is there up to rounding
@@ -56,7 +56,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
     """Handle a trial that ends at an event: polish the root, apply the cascade, orthonormalise, arm the guards."""
     solver, hybrid = carry.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
-    unsure, began = hardly_crosses(evolver, carry, clock, trial), carry.frame
+    slow, began = hardly_crosses(evolver, carry, clock, trial), carry.frame
     moved = evolver.commit(settings, carry, trial.h, trial.x, evolver.landed(carry, clock, trial))
     lands, at_once = _at_root(evolver, solver, trial), False
     if evolver.may_not_flow:  # a jump may follow the last one, or the start, without a flow
@@ -103,7 +103,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
     meeting = Meeting(*(one & ~jnp.asarray(at_once) for one in (allowed, together & ~whens)))
-    crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, meeting, at_once, trial.h, unsure)
+    crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, meeting, at_once, trial.h, slow)
     crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking, mode))
     return select(blocked, stop(carry, STATUS.deadlock), crossed)
 
@@ -150,10 +150,9 @@ def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepStat
     Of several guards the one with the earliest root is taken. The second step identifies it, because it starts so close
     that the roots are known to rounding.
     """
-    hybrid = evolver.hybrid
 
     def of_mode(q):
-        field, guards = hybrid.fields[q], hybrid.guards[q]
+        field, guards = evolver.hybrid.fields[q], evolver.hybrid.guards[q]
 
         def polish(t, x, frame, log_volume):
             def once(i, state):
@@ -167,7 +166,7 @@ def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepStat
                 state = t + step, *flown(field, step, (f, second), t, x, frame, log_volume)
                 return *state, shift + step, jnp.where(crosses, guard_index, -1)
 
-            start = t, x, frame, log_volume, jnp.zeros_like(t), jnp.argmin(lands) * 0 - 1
+            start = t, x, frame, log_volume, jnp.zeros_like(t), jnp.full_like(jnp.argmin(lands), -1)
             t, x, frame, log_volume, shift, guard_index = jax.lax.fori_loop(0, 2, once, start)
             (field_of, of_field), (guards_of, of_guards) = (explicit(one, t, x) for one in (field, guards))
             operands = of_field, of_guards, t, x, guard_index
@@ -176,9 +175,8 @@ def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepStat
 
         return polish
 
-    start = (clock.base + carry.s, carry.x, carry.frame, carry.log_volume)
-    found = by_mode(carry.solver_state.mode, [of_mode(q) for q in range(hybrid.modes)], *start)
-    x, frame, log_volume, shift = found
+    modes, start = range(evolver.hybrid.modes), (clock.base + carry.s, carry.x, carry.frame, carry.log_volume)
+    x, frame, log_volume, shift = by_mode(carry.solver_state.mode, [of_mode(q) for q in modes], *start)
     return added(carry._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
 
 
@@ -246,7 +244,17 @@ def _time_since_event(carry: StepState, last_step):
 
 
 def _apply_cascade(
-    evolver, settings, clock: Clock, carry: StepState, terms, mode, event, meeting: Meeting, at_once, last_step, unsure
+    evolver,
+    settings,
+    clock: Clock,
+    carry: StepState,
+    terms,
+    mode,
+    event,
+    meeting: Meeting,
+    at_once,
+    last_step,
+    slow,
 ) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index, arrived = event[2], carry
@@ -288,7 +296,8 @@ def _apply_cascade(
         sizes = sizes[:, :k], sizes[:, -k:]
         carry, doubtful = _orthonormalised(settings, carry, t, landing, project, sizes, was_live)
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
-    grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
+    unsure, turns = (own[guard_index] & (guard_index >= 0) for own in slow)  # an angle hangs on units
+    grazing = ((landing.transversality < GRAZING) & turns) | (unsure & _bends(landing))
     seen = grazing, doubtful, _still_waiting(arrived, landing, guard_index)
     carry = _store_event(evolver, carry, landing, clock, guard, seen, last_step)
     carry = stop(carry, STATUS.terminated, landing.terminal)

@@ -21,7 +21,8 @@ import numpy as np
 
 from ..._arguments import positive, whole
 from ..._text import Table, with_error
-from ...analysis.trajectories import Events, trajectory
+from ...analysis.trajectories import trajectory
+from ...results.events import Events
 from ...results.result import Data, Result
 from ..problem import Problem
 from .contacts import SIDES
