@@ -38,7 +38,7 @@ class Instant(NamedTuple):
     direction: Array  # (n,) along which they are moved to their own event times
     which: Any  # label of the next event
     due: Array  # whether that follows at once
-    count: Array  # events so far
+    jumps: Array  # so far
     log: EventLog | None
 
 
@@ -172,7 +172,7 @@ class Exact(AbstractEvolver):
             x=jnp.where(timed, new, x),
             frame=columns[:, :k],
             since=since_after(settings, clock, carry, dt, real, self.may_lose_rank),
-            jumps=carry.jumps + jnp.where(real, instant.count, 0),
+            jumps=carry.jumps + jnp.where(real, instant.jumps, 0),
             log=instant.log,
         )
         landed = stop(landed, STATUS.zeno, instant.due)
@@ -183,7 +183,7 @@ class Exact(AbstractEvolver):
         if clock.interval is not None:
             between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - carry.solver_state[0]))
             flight = flight._replace(dt=between)
-        return self._store_event(landed, flight._replace(lands=real), instant.count > 1, hides)
+        return self._store_event(landed, flight._replace(lands=real), instant.jumps > 1, hides)
 
     def _interval(self, carry: StepState, clock: Clock, flight: NextEvent):
         """The time to the next event, and whether its guard falls through zero then: it gives the time's derivatives.
@@ -213,7 +213,7 @@ class Exact(AbstractEvolver):
         most = most_at_once(begun.x, begun.log)
 
         def goes_on(state: Instant):
-            return (state.count == 0) | (state.due & (state.count < most))
+            return (state.jumps == 0) | (state.due & (state.jumps < most))
 
         def one(state: Instant) -> Instant:
             new, columns, direction = pushforward(
@@ -221,14 +221,14 @@ class Exact(AbstractEvolver):
             )
             zero = jnp.asarray(0, jnp.int32)
             entry = EventLog(None, t, zero, state.which, zero, zero, state.x, new)
-            log = log_event(state.log, entry, real | (state.count > 0))
+            log = log_event(state.log, entry, real | (state.jumps > 0))
             dt, which = self._predicted(t, new)
             due = jax.lax.cond(
                 real & is_event(which) & (dt <= 0),
                 lambda: self._brought_about(t, new, which, self.velocity(t, new), longest, begun.x),
                 lambda: jnp.asarray(False),
             )
-            return Instant(new, columns, direction, which, due, state.count + 1, log)
+            return Instant(new, columns, direction, which, due, state.jumps + 1, log)
 
         if not settings.reverse:
             return jax.lax.while_loop(goes_on, one, begun)

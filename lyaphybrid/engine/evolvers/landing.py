@@ -42,7 +42,7 @@ __all__ = ["apply_event"]
 MOST_EXAMINED = 16  # the terms of the columns' entries are followed where there are no more components
 # A column that a jump makes so short, of entries so small beside their terms, may be what errors leave of a lost one.
 COLUMN_NOISE = 1e-12
-GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller, and the guard turns soon
+GRAZING = 1e-3  # a crossing grazes if the sine of the angle between flow and guard is smaller, and the guard turns soon
 # An interval between events is short below this, relative to the step and to the longest interval.
 SHORT_INTERVAL = 1e-5
 AT_START = 1e-12  # an event within this part of a step of the start is there up to rounding
