@@ -127,7 +127,7 @@ class Hybrid(eqx.Module):
         initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs without `mode`; negative
             if no mode can continue from the state (``deadlock``). None: the only mode.
         max_cascade: largest number of jumps at one time; one more ends the run as ``zeno``. A run that counts jumps
-            (``clock="jumps"`` or ``"hybrid"``) continues such a cascade without limit.
+            (``clock="jumps"`` or ``"hybrid"``) continues such a cascade without limit, and ends if the cascade does.
         flow_set: ``(t, x, args) -> c``, continuously differentiable, or ``{"mode": function, …}``: the flow set C is
             where c ≥ 0. A flow that leaves C where no transition fires ends as ``deadlock``, and so does a jump or a
             start outside C and D; a start outside C but in D jumps at once. None: C is the whole space.

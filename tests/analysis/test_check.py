@@ -133,3 +133,13 @@ def test_a_timer_that_runs_out_is_no_wall():
     report = lh.check(lh.Hybrid(field, [spike, over]), [0.2, 1.0, 0.0])
     assert [(one.topic, one.verdict) for one in report.notes] == [("jumps", "note")]
     assert "transition 1 changes nothing that moves its guard" in report.notes[0].text
+
+
+@pytest.mark.parametrize(("unit", "noted"), [(1e-3, False), (1e-9, True)])
+def test_states_so_small_that_absolute_tolerances_are_coarse(unit, noted):
+    swing = lh.Flow(lambda t, x, args: jnp.stack([x[1], unit * jnp.cos(2.8 * t) - x[0]]), names=["x", "v"])
+    said = [one.text for one in lh.check(swing, [0.0, 0.5 * unit], t1=10.0).notes if one.topic == "tolerance"]
+    assert bool(said) == noted
+    if noted:
+        assert "x and v: at most" in said[0]
+        assert "method=lh.RungeKutta(atol=" in said[0]

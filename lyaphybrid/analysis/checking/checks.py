@@ -229,6 +229,7 @@ def _of_run(system, run: Trajectory, problem, own, flowing: Flowing | None, step
         if mistaken:  # the states after are of no mode
             return mistaken
     found = check_smoothness(own, *_with_end(run, flowing.slope))
+    found += motion.check_absolute_tolerance(run, problem.method)
     found += motion.check_stiffness(problem, run, step, _onward(system, problem))
     if isinstance(system, Hybrid):
         found += jumps.check_jumps(system, problem.args, flowing.slope, run)

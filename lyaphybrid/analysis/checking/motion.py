@@ -24,6 +24,7 @@ MATRIX_ERROR = 1e-3  # a matrix is wrong if it differs from differences by more 
 STRETCHES, ATTEMPTS_PER_STRETCH = 8, 4000  # of a run that goes on to where a flow may be stiff
 FEW_COMPONENTS, LEAST_ATTEMPTS = 4, 400  # dimension up to which a stretch is so long; of more it shrinks
 ATTEMPTS_FOR_STEP = 100  # whose mean is the length of a step at a place
+COARSE, RELATIVE_ATOL = 1e-5, 1e-12  # an absolute tolerance is coarse above this part of a component; what is advised
 FINER = 1e-2  # the tolerances of the run that is compared with
 
 
@@ -115,6 +116,22 @@ def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact
         return [wrong("tolerance", f"{said}, which is far more than they say ({int(exact.jumps)} and {int(end.jumps)} "
                       "jumps). Is a function not smooth, or too noisy?")]  # fmt: skip
     return [right("tolerance", said)]
+
+
+def check_absolute_tolerance(run: Trajectory, method) -> list[Finding]:
+    """Whether components are so small that the absolute tolerance of a method is no small part of them."""
+    if not isinstance(method, Method) or not method.adaptive or not hasattr(method, "atol"):
+        return []
+    x = np.reshape(np.asarray(run.x), (len(run.t), -1))
+    sizes = np.max(np.abs(x[np.all(np.isfinite(x), axis=1)]), axis=0, initial=0.0)
+    allowed = np.broadcast_to(np.asarray(method.atol, float), sizes.shape)
+    coarse = np.flatnonzero((sizes > 0) & (allowed > COARSE * sizes))
+    if not len(coarse):
+        return []
+    names = " and ".join(run.state_labels.name(int(i)) for i in coarse[:3]) + (" and more" if len(coarse) > 3 else "")
+    size, error, wanted = np.max(sizes[coarse]), np.max(allowed[coarse]), np.min(sizes[coarse]) * RELATIVE_ATOL
+    said = f"{names}: at most {size:.1e} large, and atol allows errors of {error:.0e} in each step of a trajectory"
+    return [noted("tolerance", f"{said}. Take larger units, or give method=lh.RungeKutta(atol={wanted:.0e}).")]
 
 
 def check_stiffness(problem: RunProblem, run: Trajectory, step: float, onward: Callable) -> list[Finding]:
