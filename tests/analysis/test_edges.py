@@ -240,3 +240,10 @@ def test_a_pair_far_from_zero_is_as_near_as_floats_can_be():
     near = edges._together(pair, (0, 1), lambda t, mode, rows: (rows[:, 0] > 1e9 + 0.3).astype(int), metric)
     assert near.x[0, 0] <= 1e9 + 0.3 < near.x[1, 0]
     assert near.x[1, 0] == np.nextafter(near.x[0, 0], np.inf)
+
+
+def test_a_start_between_that_is_on_the_boundary():
+    """By symmetry the middle of the first pair is the edge state itself, the fixed point 0, and never leaves it."""
+    cubic = lh.Map(lambda n, x, args: 1.5 * x - x**3)
+    found = lh.basins(cubic, [[-1.25], [1.25]], shape=(50,), t1=100)
+    assert_allclose(lh.edge_state(cubic, found, t1=100, settle=200).rate, np.log(1.5), rtol=1e-7)

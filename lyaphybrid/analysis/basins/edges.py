@@ -27,6 +27,7 @@ from .sampling import Sampled, Sampling, gap_and_transient
 __all__ = ["EdgeState", "edge_state"]
 
 STARTS_BETWEEN = 15  # starts between two that are told apart at once
+UNEVEN_BY = 0.382  # of the distance of two of them: by so much all are moved where none tells the two sides apart
 CLOSE_PAIR, PARTED_PAIR = 1e-9, 1e-4  # distances of the pair, relative to the scale of the attractors
 SAMPLES_OF_PAIR = 16  # samples of the pair in one run
 
@@ -263,11 +264,15 @@ def _distance(x: np.ndarray, metric) -> Any:
 def _together(pair: _Straddling, between: tuple[int, int], classes: Callable, metric) -> _Straddling:
     """The pair, brought together along the line between them."""
     a, b = pair.x
-    parts = np.linspace(0.0, 1.0, STARTS_BETWEEN + 2)[:, None]
+    even = np.linspace(0.0, 1.0, STARTS_BETWEEN + 2)[:, None]
+    uneven = even + UNEVEN_BY * even[1] * ((even > 0) & (even < 1))
     while _distance(np.stack([a, b]), metric) > CLOSE_PAIR:
-        line = a + parts * (b - a)
-        labels = np.array([between[0], *classes(pair.t, pair.mode, line[1:-1]), between[1]])
-        changes = np.flatnonzero((labels[:-1] == between[0]) & (labels[1:] == between[1]))
+        for parts in (even, uneven):  # by symmetry a start between may be on the boundary, and stay there
+            line = a + parts * (b - a)
+            labels = np.array([between[0], *classes(pair.t, pair.mode, line[1:-1]), between[1]])
+            changes = np.flatnonzero((labels[:-1] == between[0]) & (labels[1:] == between[1]))
+            if len(changes):
+                break
         require(
             len(changes) > 0,
             f"Between attractors {between[0]} and {between[1]} lies something else at t = {pair.t:g}: a third basin, "
