@@ -59,6 +59,9 @@ AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
 SUM_RULE_UP_TO = 16  # dimension n; 6 for event-driven systems, whose jumps need a determinant, n³ operations each
 SUM_RULE_EXACT = 6
 MOST_LENGTHS, MOST_AT_A_TIME = 1e6, 64  # how many times t1 a run with target_stderr goes on, in all and at a time
+DECIDES_FROM_VALUES = (
+    "target_stderr=… decides from values whether to go on: it cannot be used under jit, vmap or grad, or in a sweep."
+)
 OUT_OF_REACH = (
     "target_stderr={:.3g} is out of reach: after {} t1 the error is still so large that, as it falls like 1/√t, {:.1e} "
     "t1 would be needed; at most 1e6 are run. Take a longer t1, or a larger target_stderr."
@@ -195,6 +198,7 @@ def lyapunov_spectrum(
     if not is_zero(transient):
         quiet = in_units(ends_of_blocks(transient, blocks, None, "transient"))
         if driver.under_transformation(problem, loop_state, (quiet, targets)) and len(targets[0]) == blocks:
+            require(target_stderr is None, DECIDES_FROM_VALUES)
             found = driver.after_transient(problem, plan, loop_state, quiet, targets, max_steps)
             return _deliver(_Run(problem, plan, (found,), *how).summarised(t1, blocks), throw, "")
         before = driver.drive(problem, plan, loop_state, *quiet, max_steps, part=file and file.part(0))
@@ -356,10 +360,7 @@ def _orthonormal(frame):
 
 
 def _good_enough(spectrum: Spectrum, target_stderr: float) -> bool:
-    if traced(spectrum.stderr):
-        raise ValueError(
-            "target_stderr=… decides from the values whether to go on: it cannot be used under jit, vmap or grad."
-        )
+    require(not traced(spectrum.stderr), DECIDES_FROM_VALUES)
     finite = np.isfinite(np.asarray(spectrum.exponents))
     reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= target_stderr))
     return reached or bool(spectrum.status != STATUS.ok) or "interrupted" in spectrum.notes

@@ -52,3 +52,17 @@ def test_a_limit_of_steps_is_kept():
 
     found = lh.sweep(limited, {"rho": np.array([20.0, 21.0])}, args=LORENZ.args, progress=False)
     assert found.status.values.tolist() == [int(lh.STATUS.max_steps)] * 2
+
+
+@pytest.mark.parametrize("transient", [0, 100])
+def test_a_wanted_error_is_refused_in_a_sweep(transient):
+    """How long a run is cannot depend on its values there; with a transient it was as if it had not been given."""
+
+    def run(r):
+        return lh.lyapunov_spectrum(LOGISTIC, [0.3], r, t1=500, transient=transient, target_stderr=0.004)
+
+    with pytest.raises(ValueError, match="cannot be used under jit, vmap or grad, or in a sweep"):
+        lh.sweep(run, {"args": [3.9, 3.91]}, args=3.9, progress=False)
+
+
+LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
