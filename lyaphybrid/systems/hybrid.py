@@ -140,7 +140,8 @@ class Hybrid(eqx.Module):
     A transition that changes nothing (a guard alone) never follows a jump: it records where the flow crosses it.
     Several guards that the flow brings to zero at one instant fire in turn, unless a jump takes the state back from
     one; one that has fired fires again where another's jump turns the state back to it. Clocks that tick at one time
-    do so in the order of the list; one that is armed only in a mode that is entered at this time ticks a period later.
+    do so in the order of the list; but of equal ones in different modes only that of the mode before, so that modes can
+    take turns.
 
     Raises:
         ValueError: without a transition, on an unknown mode name, on a field that is no function.

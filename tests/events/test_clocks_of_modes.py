@@ -1,6 +1,5 @@
-"""Clocks of several modes that tick at one time: the mode that is entered waits for the next tick."""
+"""Equal clocks of several modes: that of the mode which is entered waits for the next tick."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -49,18 +48,3 @@ def test_a_clock_that_was_armed_before_ticks_in_its_turn():
     found = lh.trajectory(system, [0.0], t1=2.5, times=[0.5, 1.5, 2.5], mode="on")
     assert found.x[:, 0].tolist() == [0, 12, 1223]
     assert found.mode.tolist() == [0, 1, 0]
-
-
-def test_a_guard_that_enters_a_mode_at_a_tick():
-    """x reaches 1 at t = 1, where the clock of the new mode ticks: it ticks at 2, in each of many units of time."""
-    for unit in (1.0, 0.1, 1e-3, 1 / 3):
-        system = lh.Hybrid(
-            {"rise": lambda t, x, args: jnp.stack([1 + 0 * x[0]]), "wait": lambda t, x, args: 0 * x},
-            [
-                lh.Transition(lambda t, x, unit: unit - x[0], source="rise", target="wait"),
-                lh.Transition(reset=lambda t, x, args: 0 * x, every=lambda unit: unit, source="wait", target="rise"),
-            ],
-        )
-        found = lh.trajectory(system, [0.0], unit, t1=8.5 * unit, n=2, mode="rise")
-        assert_allclose(found.events.t, np.arange(1, 9) * unit, rtol=1e-12)
-        assert found.events.mode_after.tolist() == [1, 0] * 4

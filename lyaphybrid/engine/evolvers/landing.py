@@ -365,30 +365,27 @@ def _bends(landing: CascadeState):
 
 
 def _keep_clocks(evolver, clock: Clock, carry: StepState, trial: Trial, ticking, mode) -> StepState:
-    """Advance the clock that has ticked, and clocks that were not armed in the mode before, to their next tick."""
+    """Advance to their next tick the clock that has ticked, its equals in other modes, and any that was not armed."""
     if not evolver.hybrid.clocks:
         return carry
-    t, count = clock.base + carry.s, len(evolver.clock_times)
-    ticked = ticking & (jnp.arange(count, dtype=jnp.int32) == trial.tick)
-    number = carry.solver_state.ticks + ticked.astype(carry.solver_state.ticks.dtype)
-    armed = table(evolver, mode, evolver.hybrid.armed)
+    t, times = clock.base + carry.s, jnp.asarray(evolver.clock_times, carry.x.dtype)
+    ticked = ticking & (jnp.arange(len(times), dtype=jnp.int32) == trial.tick)
+    # Of equal clocks one ticks at a time: with one in each of two modes these take turns.
+    equal = jnp.all(times == times[trial.tick][None, :], axis=1) & ~table(evolver, mode, evolver.hybrid.armed)
+    number = carry.solver_state.ticks + (ticked | (ticking & equal)).astype(carry.solver_state.ticks.dtype)
     rounding_of_time = unresolved(carry, clock)
     number = [
-        _tick_to_come(t, number[i], period, phase, rounding_of_time, armed[i])
+        _tick_to_come(t, number[i], period, phase, rounding_of_time)
         for i, (period, phase) in enumerate(evolver.clock_times)
     ]
     return changed(carry, ticks=jnp.stack(number))
 
 
-def _tick_to_come(t, number, period, phase, rounding_of_time, armed):
-    """The number of a clock's next tick: what passed while it was not armed is over, what rounding made late comes.
-
-    A clock that this instant has armed ticks later: it is as if the run began there.
-    """
+def _tick_to_come(t, number, period, phase, rounding_of_time):
+    """The number of a clock's next tick: what passed while it was not armed is over, what rounding made late comes."""
     slack = digits(1e-9, t)
-    late, rounding = t - phase - period * number, slack * period + rounding_of_time
-    number = jnp.where(~armed & (jnp.abs(late) <= rounding), number + 1, number)
-    return jnp.where(late > rounding, jnp.ceil((t - phase) / period - slack), number)
+    late = t - phase - period * number > slack * period + rounding_of_time
+    return jnp.where(late, jnp.ceil((t - phase) / period - slack), number)
 
 
 def _still_waiting(arrived: StepState, landing: CascadeState, guard_index):
