@@ -87,7 +87,8 @@ class EventDriven(eqx.Module):
             event: a time that is computed as the next multiple of a period may do either; keep a timer in the state.
             Of events at one instant it chooses the first; that another order would lead elsewhere is not noted. An
             event that is due at once because a jump has brought its guard beyond zero, as the spike of a neuron that
-            is lifted over its threshold, belongs to the instant of that jump; at most 64 or n follow each other so.
+            is lifted over its threshold, belongs to the instant of that jump. More than 64 at one instant, or than n if
+            that is more, end the run as ``zeno``.
         jump: ``(t, x, args, which) -> x⁺``.
         guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it gives the derivative of the
             event time with respect to the state.
