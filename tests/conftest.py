@@ -10,6 +10,7 @@ import hypothesis
 import jax
 import matplotlib
 import pytest
+from matplotlib import pyplot
 
 import before_jax  # noqa: F401  before anything that imports JAX
 import references
@@ -40,6 +41,13 @@ def _bounded_caches():
         gc.collect()
         with contextlib.suppress(OSError, AttributeError):  # glibc keeps freed memory; others may have no such call
             ctypes.CDLL(None).malloc_trim(0)
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_left():
+    """A figure that a test leaves would be counted, or drawn in, by a later one of the same process."""
+    yield
+    pyplot.close("all")
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -14,8 +14,6 @@ WIDTHS = (3.4, 7.0)  # of one and of two columns, inches
 @pytest.fixture(autouse=True)
 def no_display(monkeypatch):
     monkeypatch.setattr(pyplot, "show", lambda: None)
-    yield
-    pyplot.close("all")
 
 
 def test_the_gallery_has_at_least_24_pictures():

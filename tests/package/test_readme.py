@@ -39,7 +39,6 @@ def test_the_example_of_the_readme_draws_its_figure():
     drawn = [line.get_ydata() for line in ax.lines if len(line.get_ydata()) == 64]
     assert_allclose(drawn, names["spectrum"].history.exponents.T)
     assert names["spectrum"].status == lh.STATUS.ok
-    pyplot.close("all")
 
 
 @pytest.mark.slow

@@ -16,15 +16,6 @@ import lyaphybrid as lh
 from lyaphybrid.zoo import pictures
 
 
-@pytest.fixture(autouse=True)
-def _no_figures_left():
-    pyplot.close("all")
-    yield
-    for number in pyplot.get_fignums():
-        pyplot.figure(number).canvas.draw()
-    pyplot.close("all")
-
-
 @pytest.fixture(scope="module")
 def gas():
     """Four disks after a while, in a box 2.2 × 2.6."""

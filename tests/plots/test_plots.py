@@ -15,15 +15,6 @@ from lyaphybrid.results.events import Events
 from lyaphybrid.results.spectrum import History, Spectrum
 
 
-@pytest.fixture(autouse=True)
-def _no_figures_left():
-    pyplot.close("all")
-    yield
-    for number in pyplot.get_fignums():
-        pyplot.figure(number).canvas.draw()  # a warning here (a missing glyph, a failed layout) is an error
-    pyplot.close("all")
-
-
 def a_spectrum(exponents, stderr=None, times=None, clock="time") -> Spectrum:
     values = jnp.asarray(exponents, float)
     k = len(exponents)
@@ -178,7 +169,6 @@ def test_components_with_several_units_have_a_panel_for_each():
     own = pyplot.subplots()[1]
     assert run.plot(own) is own
     assert len(own.get_lines()) == 3
-    pyplot.close("all")
 
 
 def test_a_component_that_does_not_vary_is_not_chosen():

@@ -30,12 +30,10 @@ SEEN = {"normal": np.eye(3), "deuteranopia": DEUTERANOPIA}
 
 
 @pytest.fixture(autouse=True)
-def _no_figures_left():
-    pyplot.close("all")
+def _settings_kept():
     before = dict(rcParams)
     yield
     assert dict(rcParams) == before
-    pyplot.close("all")
 
 
 def lab(colour, eye="normal") -> np.ndarray:

@@ -17,15 +17,6 @@ from lyaphybrid.plots.axes import COLOURS
 from lyaphybrid.statuses import STATUS
 
 
-@pytest.fixture(autouse=True)
-def _no_figures_left():
-    pyplot.close("all")
-    yield
-    for number in pyplot.get_fignums():
-        pyplot.figure(number).canvas.draw()  # a warning here (a missing glyph, a failed layout) is an error
-    pyplot.close("all")
-
-
 def a_dataset(exponents, stderr=0.1, status=0, **axes) -> xarray.Dataset:
     """As of lh.sweep, exponents (…, k) over the axes in their order."""
     values, dims = np.asarray(exponents, float), tuple(name.replace("__", ".") for name in axes)

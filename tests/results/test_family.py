@@ -122,7 +122,6 @@ def test_a_result_has_a_picture(name, made):
     if isinstance(found, pyplot.Axes):
         ax = pyplot.subplots()[1]
         assert made(name).plot(ax) is ax
-    pyplot.close("all")
 
 
 @pytest.mark.slow
@@ -241,4 +240,3 @@ def test_old_spellings_of_results_work(made):
     with pytest.warns(DeprecationWarning, match="ax=") as said:
         made("Continuation").plot(axes=axes)
     assert len(said) == 1
-    pyplot.close("all")

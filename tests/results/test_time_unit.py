@@ -222,7 +222,6 @@ def test_results_say_the_unit_of_time(name):
         drawn, usual = map(labels_in, figures)
         assert drawn >= PICTURES[name]
         assert not any("ms" in label for label in usual)
-        pyplot.close("all")
 
 
 @pytest.mark.slow
@@ -250,7 +249,6 @@ def test_exponents_by_other_clocks_stay_as_they_are(clock):
     assert found.unit == before.unit
     drawn, usual = (labels_in(run.plot.convergence().figure) for run in (found, before))
     assert drawn == usual
-    pyplot.close("all")
 
 
 @pytest.mark.slow
@@ -264,7 +262,6 @@ def test_the_course_of_a_spectrum_is_drawn_over_time_with_its_unit():
     film._func(1)
     assert pyplot.gca().get_title(loc="left") == "t = 4 ms"
     film.to_jshtml()
-    pyplot.close("all")
 
 
 @pytest.mark.slow
@@ -275,7 +272,6 @@ def test_a_sweep_knows_the_unit_of_its_exponents():
     found = lh.sweep(largest, {"args": np.linspace(0.5, 1.0, 3)}, args=1.0, progress=False)
     assert found.attrs["unit"] == "ms"
     assert lh.plots.sweep_lines(found).get_ylabel() == "exponents λ$_i$ per ms"
-    pyplot.close("all")
 
 
 @pytest.mark.parametrize("unit", ["ms", "s", "µs", "2π/ω", "hours of 3600 s"])

@@ -73,7 +73,6 @@ def test_every_kind_of_system_names_its_state_in_datasets_tables_and_axes(kind):
     assert [ax.get_ylabel() for ax in found.plot().figure.axes] == ["x (m)", "v (m/s)"]
     together = found.plot(pyplot.subplots()[1])
     assert [text.get_text() for text in together.get_legend().get_texts()][-2:] == ["x (m)", "v (m/s)"]
-    pyplot.close("all")
 
 
 def test_without_names_components_are_numbered():
@@ -151,7 +150,6 @@ def test_every_kind_of_system_that_flows_says_its_unit_of_time(kind):
     assert plain.to_xarray().t.attrs == {}
     assert data.unit.values.tolist() == list(UNITS)  # those of components stay
     assert [run.plot().figure.axes[-1].get_xlabel() for run in (found, plain)] == ["time t (ms)", "time t"]
-    pyplot.close("all")
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from matplotlib import pyplot
 
 import lyaphybrid as lh
 from lyaphybrid import plots
@@ -568,7 +567,6 @@ def test_pictures():
     ax = lh.poincare_section(LOGISTIC, [0.3], {"r": 4.0}, period=1, n=20).plot()
     x, y = ax.get_lines()[0].get_data()
     np.testing.assert_allclose(y, 4 * x * (1 - x), atol=1e-12)
-    pyplot.close("all")
 
 
 @pytest.mark.slow
@@ -580,4 +578,3 @@ def test_angles_are_drawn_within_one_turn():
     assert np.ptp(found.points) > 60
     assert -np.pi < np.min(heights) < -3
     assert 3 < np.max(heights) <= np.pi
-    pyplot.close("all")

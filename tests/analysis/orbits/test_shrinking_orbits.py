@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from matplotlib import pyplot
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
@@ -78,7 +77,6 @@ def test_no_branch_or_curve_begins_at_a_hopf_point(supercritical):
 def test_the_picture_marks_it(supercritical):
     upper, _ = supercritical.plot()
     assert "Hopf" in [text.get_text() for text in upper.get_legend().get_texts()]
-    pyplot.close("all")
 
 
 @pytest.mark.slow
@@ -254,4 +252,3 @@ def test_a_curve_of_folds_ends_at_the_generalised_hopf_point():
     assert_allclose(end.values, 0, atol=1e-9)
     assert end.orbit.residual < 1e-12
     curve.plot()
-    pyplot.close("all")
