@@ -182,6 +182,19 @@ def test_derived_programs_are_made_once():
     assert traces == ["pushed", "mapped"]
 
 
+def test_a_reverse_derivative_does_not_trace_the_tangents():
+    program = native.Program(jax.make_jaxpr(smooth)(*PAIR))
+
+    def total(rho):
+        return jnp.sum(native.native_call.bind(rho, PAIR[1], program=program)[0])
+
+    jax.grad(total)(PAIR[0])
+    (tangents,) = [made for made in program._derived.values() if made.origin]
+    assert "closed" not in vars(tangents)
+    jax.jvp(total, PAIR[:1], PAIR[:1])
+    assert "closed" in vars(tangents)
+
+
 def test_other_threads_run_during_a_call():
     long = native.native(lambda n: jax.lax.fori_loop(0, n, lambda i, x: jnp.cos(x), 0.5))
     long(10)

@@ -28,7 +28,7 @@ def _call(*operands, program: Program):
 @native_call.def_abstract_eval
 def _abstract(*operands, program: Program):
     del operands
-    return program.closed.out_avals
+    return program.out_avals
 
 
 _by_xla = mlir.lower_fun(lambda *xs, program: jaxpr_as_fun(program.closed)(*xs), multiple_results=True)

@@ -45,7 +45,7 @@ class Program:
     """A jaxpr and its machine code, compiled on first use; compared by identity.
 
     Attributes:
-        closed: the closed jaxpr.
+        closed: the closed jaxpr, or a function that traces it when it is needed.
         columns: number of columns of the frames that are held in vectors; 0: none; None: as in the programs it calls.
         backward: the same function of its operands in a form that has reverse derivatives, but no second ones; None:
             that is `closed`.
@@ -55,16 +55,26 @@ class Program:
 
     def __init__(
         self,
-        closed: ClosedJaxpr,
+        closed: ClosedJaxpr | Callable[[], ClosedJaxpr],
         columns: int | None = None,
         backward: Callable | None = None,
         in_pieces: bool = False,
     ):
         self.in_pieces = in_pieces
-        self.closed, self.backward = closed, backward
-        self.columns = _columns_within(closed.jaxpr) if columns is None else columns
+        self._trace, self.backward = closed if callable(closed) else lambda: closed, backward
+        self.columns = _columns_within(self.closed.jaxpr) if columns is None else columns
         self.origin: tuple[Program, tuple[bool, ...]] | None = None
         self._derived: dict = {}
+
+    @functools.cached_property
+    def closed(self) -> ClosedJaxpr:
+        """The closed jaxpr, traced now if a function was given that does it."""
+        return self._trace()
+
+    @functools.cached_property
+    def out_avals(self) -> Sequence:
+        """The shapes and types of the results."""
+        return self.closed.out_avals
 
     @functools.cached_property
     def compiled(self) -> Compiled | None:
@@ -100,7 +110,8 @@ class Program:
     def pushed(self, moving: tuple[bool, ...]) -> "Program":
         """The program of the tangents of the results, a function of the operands and of the tangents that are given.
 
-        `moving`: for each operand, whether it has a tangent.
+        `moving`: for each operand, whether it has a tangent. It is traced when it is needed: a reverse derivative asks
+        for its transpose alone, and tracing the tangents of a long loop takes a second.
         """
 
         def tangents(*given):
@@ -114,6 +125,7 @@ class Program:
         made = self._made(("pushed", moving), tangents, [*self.closed.in_avals, *self._moving(moving)])
         made.backward = self.backward and refused
         made.origin = self, moving
+        made.out_avals = [aval.to_tangent_aval() for aval in self.out_avals if inexact(aval)]
         return made
 
     def pulled(self, moving: tuple[bool, ...], asked: tuple[bool, ...]) -> "Program":
@@ -193,7 +205,7 @@ class Program:
     def _made(self, key, function, avals) -> "Program":
         if key not in self._derived:
             structs = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in avals]
-            self._derived[key] = Program(jax.make_jaxpr(function)(*structs), self.columns)
+            self._derived[key] = Program(lambda: jax.make_jaxpr(function)(*structs), self.columns)
         return self._derived[key]
 
     def __call__(self, *operands) -> list:
