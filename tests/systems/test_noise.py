@@ -182,6 +182,15 @@ def test_a_negative_seed_is_refused(seed):
     assert np.isnan(jax.jit(lambda seed: lh.frozen_noise(seed, 7.0))(seed))
 
 
+def test_the_largest_seed():
+    with pytest.raises(ValueError, match=f"a seed up to {2**64 - 1} at this precision; got {2**64}"):
+        lh.frozen_noise(2**64, 7.0)
+    with jax.enable_x64(False):
+        assert lh.frozen_noise(2**32 - 1, 7.0) == lh.frozen_noise(np.uint32(2**32 - 1), 7.0) != lh.frozen_noise(5, 7.0)
+        with pytest.raises(ValueError, match=f"a seed up to {2**32 - 1} at this precision"):
+            lh.frozen_noise(2**32, 7.0)
+
+
 def test_a_whole_seed_of_any_type_is_that_seed():
     drawn = lh.frozen_noise(5, 7.0)
     assert drawn == lh.frozen_noise(5.0, 7.0) == jax.jit(lambda seed: lh.frozen_noise(seed, 7.0))(5.0)

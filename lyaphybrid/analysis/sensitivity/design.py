@@ -110,6 +110,7 @@ class DesignPoint(NamedTuple):
     jacobian: np.ndarray | None  # (k, p) dλ/dθ
     trust: bool
     reasons: tuple[str, ...]
+    usable: bool = True  # whether a step from here leads anywhere
 
 
 def _over_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tuple:
@@ -176,7 +177,8 @@ def design(
         optimiser: None (Newton's method, or Adam for an objective), an optax optimiser, or "bisection".
         steps: most of them.
         k: exponents that an objective sees; None: all.
-        algorithm: as for `lh.lyapunov_gradient`; a bisection has none.
+        algorithm: as for `lh.lyapunov_gradient`; "implicit" follows the orbit of the given period, also where it is
+            unstable, as that of a converter which the search is to make stable; a bisection has none.
         period: as for `lh.lyapunov_gradient`; a bisection has none.
         key: as for `lh.lyapunov_gradient`.
         t0: as for `lh.lyapunov_gradient`.
@@ -270,8 +272,9 @@ def _point(case: ExponentFunction, theta, found: Gradient) -> DesignPoint:
     count = len(found.value)
     leaves = [np.reshape(leaf, (count, -1)) for leaf in jax.tree.leaves(found.gradient)]
     return DesignPoint(
-        theta, found.value, found.value_stderr, np.concatenate(leaves, axis=1), found.trust, found.reasons
-    )
+        theta, found.value, found.value_stderr, np.concatenate(leaves, axis=1), found.trust, found.reasons,
+        usable=found.trust or found.of_unstable_orbit,
+    )  # fmt: skip
 
 
 def _without_slopes(case: ExponentFunction, how: Mapping[str, Any]) -> Callable:
@@ -297,7 +300,7 @@ def _newton(look: Callable, goal, limits: ParameterBounds, first, steps: int):
     for _ in range(steps):
         if _near(here, goal):
             return here, True, ("the target is reached",)
-        if not here.trust:
+        if not here.usable:
             return here, False, ("the derivatives are not to be trusted here",)
         assert here.jacobian is not None
         whole_step = np.linalg.lstsq(here.jacobian * limits.slope(u), goal - here.value, rcond=None)[0]
@@ -347,7 +350,7 @@ def _descent(
         used = np.asarray(by_value) != 0  # an exponent that is -inf has no derivatives, and need have none
         slope = (by_value[used] @ np.asarray(here.jacobian)[used] + by_theta) * units
         slope = slope * limits.slope(units * np.asarray(u))
-        if not here.trust or not np.any(slope):
+        if not here.usable or not np.any(slope):
             break
         with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats
             changes, state = optimiser.update(slope, state, u)
@@ -355,11 +358,11 @@ def _descent(
     assert best is not None
     assert here is not None
     reason = f"{ALL_STEPS}, {steps}: more may come nearer"
-    if not here.trust:
+    if not here.usable:
         reason = "the derivatives are not to be trusted where the steps ended"
     elif not np.any(slope):
         reason = "the objective is stationary"
-    return best, here.trust, (f"{reason}; the objective is {least:.6g}",)
+    return best, here.usable, (f"{reason}; the objective is {least:.6g}",)
 
 
 def _bisection(look: Callable, goal: float, limits: ParameterBounds, steps: int):

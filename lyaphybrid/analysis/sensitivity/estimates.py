@@ -67,6 +67,7 @@ class Estimate(NamedTuple):
     reasons: tuple[str, ...]  # why it can or cannot be trusted, each with the deciding number
     cost: int  # in runs of length t1
     time_per_jump: Any = None  # an Estimate with k = 1, from a regression of a system that jumps
+    of_unstable_orbit: bool = False  # whether nothing but this speaks against it
 
 
 def unknown(case: ExponentFunction, why: str) -> Estimate:

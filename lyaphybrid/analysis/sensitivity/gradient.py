@@ -74,6 +74,8 @@ class Gradient(Result, eqx.Module):
         cost: in runs of length t1.
         time_per_jump: the mean time between jumps as a `Gradient` with k = 1, from a regression of a system that jumps.
         time_unit: that exponents are per; "" where the system has none, and where jumps are counted.
+        of_unstable_orbit: whether nothing speaks against `trust` but that motion does not stay with the orbit: all
+            values are those of this orbit, as algorithm="implicit" asks for.
 
     Example:
         >>> import lyaphybrid as lh
@@ -94,6 +96,7 @@ class Gradient(Result, eqx.Module):
     cost: int = eqx.field(static=True)
     time_per_jump: "Gradient | None" = None
     time_unit: str = eqx.field(static=True, default="")
+    of_unstable_orbit: bool = eqx.field(static=True, default=False)
 
     @property
     def method(self) -> str:
@@ -307,6 +310,7 @@ def _gradient(case: ExponentFunction, algorithm: str, found: Estimate) -> Gradie
         cost=found.cost,
         time_per_jump=None if found.time_per_jump is None else _gradient(case, algorithm, found.time_per_jump),
         time_unit=case.time_unit if case.options["clock"] == "time" else "",
+        of_unstable_orbit=found.of_unstable_orbit,
     )
 
 
@@ -354,9 +358,12 @@ def _estimate(case: ExponentFunction, algorithm: str, period, key, ensemble) -> 
         if algorithm == name or found.trust:
             return name, found._replace(reasons=(*before, *found.reasons))
         before.append(f"{name} was not to be trusted: " + "; ".join(found.reasons))
+        if found.of_unstable_orbit:
+            before[-1] += "; for the exponents of this orbit give algorithm='implicit'"
     if key is None and failed:
         raise UntrustedError(f"The motion fails: {'; '.join(before)}", failed=True)
-    require(key is not None, f"regression needs key=jax.random.key(seed) for its ensemble. {' '.join(before)}".strip())
+    needed = "regression needs key=jax.random.key(seed) for its ensemble."
+    require(key is not None, f"{'. '.join(before)}. What is left, {needed}" if before else needed)
     found = by_regression(
         case, key=key, window=window, points=points, replicates=replicates, degree=degree, progress=progress
     )

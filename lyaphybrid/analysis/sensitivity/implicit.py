@@ -102,11 +102,15 @@ def by_implicit(case: ExponentFunction, *, period: Any = None, progress: Any = N
         report(None)
     of = of_exponents(found, orbit, case.k, unit)
     reasons, good = _reasons(case, orbit, found, of, autonomous=_autonomous(case, period))
+    trust, unstable = good and orbit.stable, good and not orbit.stable
     stderr = np.abs(of.gradient - looser) + (1e-15 * found.condition + of.rounding[:, None]) * np.abs(of.gradient)
     error = orbit.residual
     if _autonomous(case, period):  # the exponent along the flow is zero: its deviation is an error
         error = max(error, float(np.abs(orbit.exponents[_along_the_flow(orbit)])))
-    return Estimate(of.value, np.full(case.k, error), of.gradient, stderr, good, tuple(reasons), 1)
+    value_stderr = np.full(case.k, error)
+    return Estimate(
+        of.value, value_stderr, of.gradient, stderr, trust, tuple(reasons), 1, of_unstable_orbit=unstable
+    )
 
 
 def _autonomous(case: ExponentFunction, period) -> bool:
@@ -318,7 +322,7 @@ def _along_the_flow(orbit: Floquet) -> int:
 
 
 def _reasons(case: ExponentFunction, orbit: Floquet, found: Derivatives, of: Exponents, autonomous: bool):
-    """Reasons why the derivatives can be trusted or not; and whether they can."""
+    """Reasons why the derivatives can be trusted or not; and whether they can, if motion stays with the orbit."""
     good = orbit.residual <= CONVERGED
     reasons = [f"Newton's method ended at a residual of {orbit.residual:.1e} after {orbit.period:.6g}"]
     reasons.append(f"the orbit is {'stable' if orbit.stable else 'not stable: motion does not stay with it'}")
@@ -331,7 +335,7 @@ def _reasons(case: ExponentFunction, orbit: Floquet, found: Derivatives, of: Exp
         reasons.append(f"{names}: a complex pair or nearly the same, the derivative is that of their mean")
     if np.any(np.isnan(of.gradient)):
         reasons.append("an exponent that is −∞ has no derivative")
-    good = good and orbit.stable and max(found.condition, worst) <= WORST_CONDITION
+    good = good and max(found.condition, worst) <= WORST_CONDITION
     if autonomous:
         at = _along_the_flow(orbit)
         if at < case.k:

@@ -39,7 +39,7 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
         known only as the program runs.
 
     Raises:
-        ValueError: on another kind; on a seed that is not whole, or negative.
+        ValueError: on another kind; on a seed that is not whole, negative or too large.
 
     Source:
         J. K. Salmon, M. A. Moraes, R. O. Dror & D. E. Shaw, Parallel random numbers: as easy as 1, 2, 3, SC11 (2011),
@@ -83,5 +83,11 @@ def _whole_seed(seed: Any) -> Array:
         require(
             bool(np.all(value >= 0)), f"frozen_noise takes a seed from 0 on, as a negative one is none; got {seed!r}."
         )
-        seed = value if value.dtype.kind == "u" else seed  # JAX takes no Python integer from 2**63 on
+        unsigned = jax.dtypes.canonicalize_dtype("uint64")
+        most = int(np.iinfo(unsigned).max)
+        require(
+            bool(np.all(value <= most)),
+            f"frozen_noise takes a seed up to {most} at this precision; got {seed!r}. Take a smaller one, or float64.",
+        )
+        seed = value.astype(unsigned) if value.dtype.kind in "iu" else seed  # JAX takes signed Python integers only
     return jnp.asarray(seed)

@@ -31,6 +31,42 @@ def test_one_exponent_by_one_parameter(bounds):
     assert_allclose(found.history[0], [2.8, np.log(0.8)], rtol=1e-12)
 
 
+UNSTABLE = {"algorithm": "implicit", "period": 1, "transient": 0}
+
+
+def from_unstable(target, **keywords):
+    """From the fixed point at r = 3.3, which motions leave: λ = ln|2 − r|."""
+    return lh.design(LOGISTIC, [0.69], {"r": 3.3}, target, t1=1000, over="r", **UNSTABLE, **keywords)
+
+
+def test_an_unstable_orbit_is_made_stable():
+    """Motions near it were no use; the orbit of the given period is followed where that is asked for by name."""
+    found = from_unstable(-0.5)
+    assert (found.converged, found.trust) == (True, True), found
+    assert_allclose(found.history[0], [3.3, np.log(1.3)], rtol=1e-12)
+    assert_allclose(found.parameters["r"], 2 + np.exp(-0.5), rtol=1e-10)
+
+
+def test_an_unstable_orbit_that_stays_so_is_not_trusted():
+    """The exponents are those of the orbit, not of motions near it."""
+    found = from_unstable(np.log(1.5))
+    assert (found.converged, found.trust) == (True, False), found
+    assert_allclose(found.parameters["r"], 3.5, rtol=1e-10)
+    assert any("not stable" in reason for reason in found.reasons)
+    slope = lh.lyapunov_gradient(LOGISTIC, [0.69], {"r": 3.3}, t1=1000, **UNSTABLE)
+    assert (slope.of_unstable_orbit, slope.trust) == (True, False)
+    assert_allclose(slope.gradient["r"], [1 / 1.3], rtol=1e-10)
+    with pytest.raises(ValueError, match=r"the orbit is not stable.* give algorithm='implicit'.*regression needs key="):
+        lh.lyapunov_gradient(LOGISTIC, [0.74], {"r": 3.9}, t1=1000, period=1, transient=0)
+
+
+@pytest.mark.slow
+def test_an_objective_along_an_unstable_orbit():
+    found = from_unstable(lambda exponents, args: (exponents[0] + 0.5) ** 2, steps=200)
+    assert found.trust
+    assert_allclose(found.parameters["r"], 2 + np.exp(-0.5), rtol=1e-3)
+
+
 def test_two_exponents_by_two_parameters():
     found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, [-1.0, -2.0], t1=100, over=("a", "b"))
     assert found.converged, found
