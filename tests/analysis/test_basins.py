@@ -62,7 +62,40 @@ def test_a_boundary_is_a_cantor_set():
 
 def test_a_smooth_boundary_has_one_dimension_less():
     found = lh.basins(WELLS, [[-1.0, -1.0], [1.0, 1.0]], shape=(128, 128), t1=80.0)
-    assert abs(found.boundary_dimension().dimension - 1) < 0.05
+    dimension = found.boundary_dimension()
+    assert abs(dimension.dimension - 1) < 3 * dimension.stderr < 0.06
+
+
+def skewed(n, x, args):
+    """θ' = 2θ, z' = az + cos θ: all z escape but those on the graph of a Weierstrass function."""
+    angle, z = x
+    after = args * z + jnp.cos(angle)
+    return jnp.stack([jnp.where(jnp.abs(z) > 20, 0, 2 * angle % (2 * jnp.pi)), jnp.where(jnp.abs(z) > 20, z, after)])
+
+
+@pytest.mark.slow_cases(all_but=("1.5",))
+@pytest.mark.parametrize("a", [1.5, 1.2])
+def test_a_boundary_is_the_graph_of_a_weierstrass_function(a):
+    """Of dimension 2 − ln a/ln 2 (McDonald et al. 1985); vertical lines cross it once, horizontal ones everywhere."""
+    n = 300
+    found = lh.basins(lh.Map(skewed), [[0.0, -3.0], [2 * np.pi, 3.0]], a, shape=(n, n), t1=80)
+    angle, z = (np.asarray(found.axes[i]) for i in (0, 1))
+    graph = -sum(a ** -(k + 1.0) * np.cos(2.0**k * angle % (2 * np.pi)) for k in range(60))
+    above = np.array([one.points[0, 1] > 0 for one in found.attractors])
+    assert np.mean(above[found.labels] != (z > graph[:, None])) < 1e-3
+    dimension = found.boundary_dimension()
+    assert abs(dimension.dimension - 2 + np.log(a) / np.log(2)) < 3 * dimension.stderr < 0.1
+
+
+@pytest.mark.parametrize(("d", "n"), [(1, 2000), (2, 200), (3, 64)])
+def test_dimensions_of_known_sets(d, n):
+    """A smooth surface has d − 1, noise has d; and a line along an axis, which that axis never crosses."""
+    rng = np.random.default_rng(d)
+    ball = sum(np.meshgrid(*[np.linspace(-1, 1, n) ** 2] * d)) < 0.6
+    for labels, known in ((ball, d - 1), (rng.integers(0, 2, (n,) * d), d), (np.indices((n,) * d)[0] > n / 3, d - 1)):
+        found = measures.boundary_dimension(labels.astype(int))
+        assert abs(found.dimension - known) < 3 * found.stderr + 1e-12
+        assert found.stderr < 0.1
 
 
 @pytest.mark.slow

@@ -92,7 +92,10 @@ class Basins(Result, eqx.Module):
         return measures.entropy(self.labels, size)
 
     def boundary_dimension(self) -> measures.BoundaryDimension:
-        """The dimension of the boundaries in the space of the grid, with the standard error of the fit; for grids.
+        """The dimension of the boundaries in the space of the grid, by the exponent of uncertainty; for grids.
+
+        The share of pairs of starts that lead to different attractors grows as a power of their distance: the space's
+        dimension less the boundary's.
 
         S. W. McDonald, C. Grebogi, E. Ott & J. A. Yorke, Physica D 17 (1985) 125, doi:10.1016/0167-2789(85)90001-6.
 

@@ -8,7 +8,8 @@ from ..._arguments import require
 
 __all__ = ["BoundaryDimension", "Entropy", "boundary_dimension", "entropy"]
 
-LEAST_BOXES_ALONG = 8  # of a size along each side, if it is to count
+LEAST_LENGTHS = 16  # the grid is so many times as long as the greatest distance of a pair
+PARTS = 4  # of the grid along each side, for errors
 
 
 class Entropy(NamedTuple):
@@ -29,9 +30,10 @@ class BoundaryDimension(NamedTuple):
     """The dimension of the boundary.
 
     Attributes:
-        dimension: d − α, where the share of boxes with several classes grows as the α-th power of their size.
-        stderr: of the fit.
-        sizes: of the boxes, between the middles of their outermost cells; shares: of them that hold several classes.
+        dimension: d − α, where the share of pairs of starts that belong to different classes grows as the α-th power of
+            their distance, along the axis where α is least.
+        stderr: its standard error, from parts of the grid and of the distances.
+        sizes: the distances, in cells; shares: of the pairs that belong to different classes.
     """
 
     dimension: float
@@ -67,14 +69,60 @@ def entropy(labels: np.ndarray, size: int) -> Entropy:
 
 
 def boundary_dimension(labels: np.ndarray) -> BoundaryDimension:
-    """From the shares of boxes of 2, 4, 8, … cells that hold several classes."""
-    most = min(labels.shape) // LEAST_BOXES_ALONG
-    require(most >= 8, f"A boundary's dimension needs at least 64 cells along each side; the grid is {labels.shape}.")
-    cells, shares = 2 ** np.arange(1, int(np.log2(most)) + 1), []
-    for size in cells:
-        boxes = _boxes(labels, int(size))
-        shares.append(np.mean(np.any(boxes != boxes[:, :1], axis=1)))
-    sizes, shares = cells - 1, np.array(shares)
-    require(bool(np.all(shares > 0)), "There is no boundary: all starts on the grid belong to one class.")
-    (slope, _), covariance = np.polyfit(np.log(sizes), np.log(shares), 1, cov=len(sizes) > 3 or "unscaled")
-    return BoundaryDimension(labels.ndim - float(slope), float(np.sqrt(covariance[0, 0])), sizes, shares)
+    """From the shares of pairs of cells 1, 2, 3, 4, 6, … apart that belong to different classes.
+
+    Both cells of such a pair are near the boundary, so that the exponent of each axis bounds the dimension from below.
+    It is reached by an axis along which lines cross all of the boundary; lines along a graph's height cross it once.
+    """
+    length = min(labels.shape)
+    require(
+        length >= 64, f"A boundary's dimension needs at least 64 cells along each side; the grid is {labels.shape}."
+    )
+    farthest = 2 * np.log2(length // LEAST_LENGTHS)
+    sizes = np.unique(np.round(np.sqrt(2) ** np.arange(int(farthest) + 1)).astype(int))
+    pairs = [_pairs_that_differ(np.moveaxis(labels, axis, 0), sizes) for axis in range(labels.ndim)]
+    fits = [_power_of(sizes, *one) for one in pairs if np.all(np.any(one[0] > 0, axis=1))]
+    require(bool(fits), "There is no boundary: all starts on the grid belong to one class.")
+    power, stderr, shares = min(fits, key=lambda fit: fit[0])
+    return BoundaryDimension(labels.ndim - power, stderr, sizes, shares)
+
+
+def _pairs_that_differ(labels: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(sizes, parts) of the pairs along the first axis those that differ, in parts of the grid; (parts,) all pairs.
+
+    All distances have pairs around the same middles.
+    """
+    last = len(labels) - sizes[-1]
+    starts = [(sizes[-1] - size) // 2 for size in sizes]
+    differ = [
+        labels[at : at + last] != labels[at + size : at + size + last] for at, size in zip(starts, sizes, strict=True)
+    ]
+    return np.stack([_in_parts(one) for one in differ]), _in_parts(np.ones_like(differ[0]))
+
+
+def _in_parts(cells: np.ndarray) -> np.ndarray:
+    """(parts,) sums over the parts of the grid, `PARTS` along each side."""
+    sums = cells.astype(float)
+    for axis, length in enumerate(cells.shape):
+        sums = np.add.reduceat(sums, np.arange(PARTS) * length // PARTS, axis=axis)
+    return sums.ravel()
+
+
+def _power_of(sizes: np.ndarray, differ: np.ndarray, pairs: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """The exponent of the shares, its standard error, and the shares.
+
+    The error is from leaving out one part of the grid after the other (the jackknife), from the distances of the points
+    from the line, and from what half of the sizes alone would give.
+    """
+    scale, middle = np.log(sizes), len(sizes) // 2
+
+    def power(shares: np.ndarray) -> float:
+        return float(np.polyfit(scale[-len(shares) :], np.log(shares), 1)[0])
+
+    shares = differ.sum(axis=1) / pairs.sum()
+    (slope, _), covariance = np.polyfit(scale, np.log(shares), 1, cov=True)
+    left_out = (differ.sum(axis=1)[:, None] - differ) / (pairs.sum() - pairs)
+    without = [power(one) for one in left_out.T if np.all(one > 0)]
+    jackknife = (len(without) - 1) * float(np.var(without)) if without else 0.0
+    trend = float(np.polyfit(scale[: middle + 1], np.log(shares[: middle + 1]), 1)[0]) - power(shares[middle:])
+    return float(slope), float(np.sqrt(jackknife + covariance[0, 0] + trend**2 / 4)), shares
