@@ -200,8 +200,8 @@ class Clock(NamedTuple):
 
 
 def select(condition, yes, no):
-    """The tree `yes` where the condition holds, else the tree `no`."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+    """The tree `yes` where the condition holds, else the tree `no`; what is the same in both is not copied."""
+    return jax.tree.map(lambda a, b: a if a is b else jnp.where(condition, a, b), yes, no)
 
 
 def stretched(carry: StepState):
@@ -233,6 +233,33 @@ def log_event(log: EventLog | None, entry: EventLog, real: Any = True) -> EventL
 
     filled = jax.tree.map(put, log._replace(count=None), entry._replace(count=None))
     return filled._replace(count=log.count + jnp.asarray(real, jnp.int32))
+
+
+def before_events(carry: StepState, after: StepState) -> StepState:
+    """The carry before events that have been logged since, with the buffers of the log after them.
+
+    Rows beyond `count` do not count; to choose between two logs in the same buffers nothing has to be copied.
+    """
+    return carry if carry.log is None else carry._replace(log=after.log._replace(count=carry.log.count))
+
+
+def empty_log(log: EventLog | None, rows: int) -> EventLog | None:
+    """A log of the same kind with so many rows."""
+    return log and jax.tree.map(lambda one: jnp.zeros((rows, *one.shape[1:])[: one.ndim], one.dtype), log)
+
+
+def log_events(log: EventLog | None, entries: EventLog | None) -> EventLog | None:
+    """Append all events of another log; the caller has made sure that there is room."""
+    if log is None or entries is None:
+        return log
+    place = jnp.arange(entries.t.shape[0], dtype=jnp.int32)
+    place = jnp.where(place < entries.count, log.count + place, log.t.shape[0])  # beyond the end nothing is set
+
+    def put(buffer, values):
+        return buffer.at[place].set(values, mode="drop")
+
+    filled = jax.tree.map(put, log._replace(count=None), entries._replace(count=None))
+    return filled._replace(count=log.count + entries.count)
 
 
 def most_at_once(x, log: EventLog | None) -> int:

@@ -22,7 +22,7 @@ from ...events.saltations import (
     sizes_returned,
     to_reference_time,
 )
-from ..states import EventLog, Settings, StepState, log_event, select
+from ..states import EventLog, Settings, StepState, empty_log, log_event, log_events, most_at_once, select
 from .trials import ALONE, LEFT, pending, side, table
 
 __all__ = ["CascadeState", "CascadePerturbations", "in_each_order", "orthonormalises"]
@@ -333,6 +333,9 @@ def in_each_order(
     order matters; where all solutions are asked for, each guard that the flow brings to zero is first in turn. Where a
     jump sends several guards beyond zero at once, it is run once more, with the last of them first.
     """
+    log = carry.log
+    if evolver.hybrid.slots > 1:  # each order has a short log of its own; the long one would be copied for each
+        carry = carry._replace(log=empty_log(log, most_at_once(carry.x, log)))
 
     @jax.jit  # traced once, for shapes and loop
     def start(event, last_first):
@@ -375,7 +378,7 @@ def in_each_order(
     )
     if chosen is not None:
         landing = select(differs, chosen, landing)
-    return landing._replace(together=differs, several=later)
+    return landing._replace(together=differs, several=later, log=log_events(log, landing.log))
 
 
 def _gradient(guard, t, x, f):

@@ -17,7 +17,7 @@ from ...events.saltations import event_time
 from ...integrators.small_steps import flown, moved_on, rates_of_flow
 from ...statuses import STATUS
 from ..orthonormalising import accumulate, orthonormalise_and_accumulate
-from ..states import Clock, Settings, StepState, added, select, stop
+from ..states import Clock, Settings, StepState, added, before_events, select, stop
 from .cascade import CascadeState, Meeting, in_each_order, orthonormalises
 from .grazing import hardly_crosses
 from .step_sizes import unresolved
@@ -105,7 +105,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
     meeting = Meeting(*(one & ~jnp.asarray(at_once) for one in (allowed, together & ~whens)))
     crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, meeting, at_once, trial.h, slow)
     crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking, mode))
-    return select(blocked, stop(carry, STATUS.deadlock), crossed)
+    return select(blocked, stop(before_events(carry, crossed), STATUS.deadlock), crossed)
 
 
 def _at_root(evolver, solver: SolverState, trial: Trial):
@@ -307,6 +307,7 @@ def _apply_cascade(
     # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     # A reset would turn a state that leaves the guard to the side beyond it.
+    arrived = before_events(arrived, carry)
     return select(landing.leaves, stop(arrived, STATUS.zeno), stop(carry, STATUS.zeno, ends))
 
 
