@@ -240,7 +240,9 @@ def before_events(carry: StepState, after: StepState) -> StepState:
 
     Rows beyond `count` do not count; to choose between two logs in the same buffers nothing has to be copied.
     """
-    return carry if carry.log is None else carry._replace(log=after.log._replace(count=carry.log.count))
+    if carry.log is None or after.log is None:
+        return carry
+    return carry._replace(log=after.log._replace(count=carry.log.count))
 
 
 def empty_log(log: EventLog | None, rows: int) -> EventLog | None:

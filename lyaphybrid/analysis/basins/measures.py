@@ -9,7 +9,7 @@ from ..._arguments import require
 __all__ = ["BoundaryDimension", "Entropy", "boundary_dimension", "entropy"]
 
 LEAST_LENGTHS = 16  # the grid is so many times as long as the greatest distance of a pair
-PARTS = 4  # of the grid along each side, for errors
+PARTS_ALONG = 4  # of the grid along each side, for errors
 
 
 class Entropy(NamedTuple):
@@ -101,10 +101,10 @@ def _pairs_that_differ(labels: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarra
 
 
 def _in_parts(cells: np.ndarray) -> np.ndarray:
-    """(parts,) sums over the parts of the grid, `PARTS` along each side."""
+    """(parts,) sums over the parts of the grid, `PARTS_ALONG` along each side."""
     sums = cells.astype(float)
     for axis, length in enumerate(cells.shape):
-        sums = np.add.reduceat(sums, np.arange(PARTS) * length // PARTS, axis=axis)
+        sums = np.add.reduceat(sums, np.arange(PARTS_ALONG) * length // PARTS_ALONG, axis=axis)
     return sums.ravel()
 
 

@@ -108,9 +108,7 @@ def by_implicit(case: ExponentFunction, *, period: Any = None, progress: Any = N
     if _autonomous(case, period):  # the exponent along the flow is zero: its deviation is an error
         error = max(error, float(np.abs(orbit.exponents[_along_the_flow(orbit)])))
     value_stderr = np.full(case.k, error)
-    return Estimate(
-        of.value, value_stderr, of.gradient, stderr, trust, tuple(reasons), 1, of_unstable_orbit=unstable
-    )
+    return Estimate(of.value, value_stderr, of.gradient, stderr, trust, tuple(reasons), 1, of_unstable_orbit=unstable)
 
 
 def _autonomous(case: ExponentFunction, period) -> bool:

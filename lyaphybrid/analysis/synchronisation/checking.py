@@ -5,7 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ..._arguments import require
 from ...systems.hybrid import Hybrid
@@ -19,7 +21,8 @@ EACH = 8  # jumps that are looked at, of each transition out of each mode
 SAME = 1e-8  # relative: two values that should be equal
 TOGETHER = (
     "At t = {:.6g} several jumps follow each other at one instant. What they do to perturbations across the motion "
-    "depends on the field between them, which has no meaning there: write them as one transition."
+    "depends on the field between them, which has no meaning there: let the reset of the first do what all of them do, "
+    "so that it is one jump."
 )
 
 
@@ -71,7 +74,6 @@ def _which(jump: GuardJump, events, i: int, args) -> tuple:
     return (events.which[i],) if shape else ()
 
 
-def differ(one, other) -> bool:
+def differ(one, other) -> Array:
     """Whether two arrays differ by more than rounding and the error of an event's instant."""
-    one, other = np.asarray(one), np.asarray(other)
-    return bool(np.any(np.abs(one - other) > SAME * (1 + np.maximum(np.abs(one), np.abs(other)))))
+    return jnp.any(jnp.abs(one - other) > SAME * (1 + jnp.maximum(jnp.abs(one), jnp.abs(other))))

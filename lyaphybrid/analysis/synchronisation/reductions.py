@@ -3,13 +3,17 @@
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .skew_products import Cocycle
+from .checking import differ
+from .skew_products import Cocycle, GuardJump
 
 __all__ = ["Across", "Inside", "Response"]
+
+LEAST_LEFT = 1e-9  # relative: less than this outside a subspace is rounding
 
 
 class Response(Cocycle):
@@ -35,6 +39,13 @@ class Response(Cocycle):
     def components(self, vectors):
         """The response alone."""
         return vectors[np.array(self.of), 0]
+
+    def allows(self, jump: GuardJump, t, x, new, args, *which):
+        """Not where the response decides when the drive is moved."""
+        drive, slopes = np.setdiff1d(np.arange(self.n), self.of), jax.grad(lambda x: jump.guard(t, x, args, *which))(x)
+        before, after = jump.before(t, x, args), jump.after(t, x, new, args, *which)
+        moved = differ(x[drive], new[drive]) | differ(before[drive], after[drive])
+        return ~(moved & jnp.any(slopes[np.array(self.of)] != 0))
 
 
 class Inside(eqx.Module):
@@ -75,3 +86,13 @@ class Across(Cocycle):
     def base(self, function):
         """The function kept in the subspace."""
         return Inside(function, self.basis)
+
+    def off(self, vector):
+        """The size of a vector outside the subspace, beyond rounding; 0 where there is none."""
+        off = jnp.max(jnp.abs(self.rest.T @ vector))
+        return jnp.where(off > LEAST_LEFT * (1 + jnp.max(jnp.abs(vector))), off, 0.0)
+
+    def allows(self, jump: GuardJump, t, x, new, args, *which):
+        """Not where a jump leaves the subspace."""
+        del jump, t, x, args, which
+        return self.off(new) == 0

@@ -24,6 +24,7 @@ from jaxtyping import Array, Float
 
 from ..._arguments import require
 from ..._jax.columns import each_column, linear_at
+from ..._jax.precision import digits
 from ..._linalg.frames import generic_frame
 from ...events import saltations
 from ...systems.daes.semi_linear import Constrained
@@ -43,6 +44,8 @@ __all__ = [
 ]
 
 Columns = Float[Array, "n parts"]
+BROUGHT_BY_FLOW = 1e-6  # relative: a state that is farther from a guard has not been brought there by a flow, …
+SOON = 1e-9  # … if it is also farther than a flow comes in this time
 
 
 class Cocycle(eqx.Module):
@@ -83,6 +86,11 @@ class Cocycle(eqx.Module):
     def own(self, args: Any) -> Any:
         """The parameters of the system among those of the skew product."""
         return args
+
+    def allows(self, jump: "GuardJump", t, x, new, args, *which) -> Any:
+        """Whether the perturbations have a rule at this jump to the point `new`."""
+        del jump, t, x, new, args, which
+        return True
 
 
 class _Lifted(eqx.Module):
@@ -155,6 +163,17 @@ class GuardJump(eqx.Module):
         value = self.transition.guard(t, x, args)
         return value[which[0]] if which else jnp.reshape(value, ())
 
+    def is_reached(self, t, x, args, *which):
+        """Whether x is on the guard, where a flow ends, and not beyond it, where another jump has put it."""
+
+        def guard(t, x):
+            return self.guard(t, x, args, *which)
+
+        value, (by_time, by_state) = jax.value_and_grad(guard, argnums=(0, 1))(t, x)
+        rate = by_time + by_state @ self.before(t, x, args)
+        size = jnp.max(jnp.abs(by_state)) * jnp.max(jnp.abs(x)) + jnp.abs(by_time * t)
+        return jnp.abs(value) <= digits(BROUGHT_BY_FLOW, x) * size + digits(SOON, x) * jnp.abs(rate)
+
     def after(self, t, x, new, args, *which):
         """The field at x⁺ in the new mode."""
         if not callable(self.target):
@@ -178,28 +197,37 @@ class GuardJump(eqx.Module):
 
 
 class _LiftedJump(eqx.Module):
-    """The reset of a guard's jump, of (x, ξ)."""
+    """The reset of a guard's jump, of (x, ξ).
+
+    `watched`: ξ becomes nan where it has no rule, at jumps that another one has brought about among them.
+    """
 
     jump: GuardJump
     cocycle: Cocycle
     n: int = eqx.field(static=True)
+    watched: bool = eqx.field(static=True)
 
     def __call__(self, t, y, args, *which):
         x, cocycle = y[: self.n], self.cocycle
         crossed = self.jump.cross(cocycle, t, x, args, cocycle.vectors(y[self.n :]), *which)
-        new = cocycle.base(self.jump.reset)(t, x, cocycle.own(args), *which)
-        return jnp.concatenate([new, cocycle.components(crossed)])
+        own = cocycle.own(args)
+        new, xi = cocycle.base(self.jump.reset)(t, x, own, *which), cocycle.components(crossed)
+        if self.watched:
+            after = self.jump.reset(t, x, own, *which)
+            has_rule = self.jump.is_reached(t, x, own, *which) & cocycle.allows(self.jump, t, x, after, own, *which)
+            xi = jnp.where(has_rule, xi, jnp.nan)
+        return jnp.concatenate([new, xi])
 
 
-def skew_product(system: Flow | Map | Hybrid, cocycle: Cocycle, n: int) -> Flow | Map | Hybrid:
-    """The system of (x, ξ), x (n,), in the same unit of time."""
+def skew_product(system: Flow | Map | Hybrid, cocycle: Cocycle, n: int, watched: bool = False) -> Flow | Map | Hybrid:
+    """The system of (x, ξ), x (n,), in the same unit of time; `watched`: where jumps could not be looked at before."""
     if isinstance(system, Map):
         return Map(_Lifted(system.rule, cocycle, n))
     if isinstance(system, Flow):
         return Flow(_Lifted(system.field, cocycle, n), time_unit=system.time_unit)
     fields, names = system.fields or (), system.mode_names
     transitions = [
-        one for transition in system.transitions for one in _lifted_transitions(system, transition, cocycle, n)
+        one for transition in system.transitions for one in _lifted_transitions(system, transition, cocycle, n, watched)
     ]
     projections = zip(names, system.tangent, strict=True)
     sets = zip(names, system.flow_sets, strict=True)
@@ -215,7 +243,9 @@ def skew_product(system: Flow | Map | Hybrid, cocycle: Cocycle, n: int) -> Flow 
     )
 
 
-def _lifted_transitions(system: Hybrid, transition: Transition, cocycle: Cocycle, n: int) -> list[Transition]:
+def _lifted_transitions(
+    system: Hybrid, transition: Transition, cocycle: Cocycle, n: int, watched: bool
+) -> list[Transition]:
     """The transition of (x, ξ): of a guard one for each mode that it leaves, since S takes the field there."""
 
     def of(function):
@@ -235,7 +265,7 @@ def _lifted_transitions(system: Hybrid, transition: Transition, cocycle: Cocycle
     if transition.changes_nothing:
         return [Transition(of(transition.guard), source=transition.source, **shared)]
     return [
-        Transition(of(transition.guard), _LiftedJump(jump, cocycle, n), source=name, **shared)
+        Transition(of(transition.guard), _LiftedJump(jump, cocycle, n, watched), source=name, **shared)
         for name, jump in guard_jumps(system, transition)
     ]
 
