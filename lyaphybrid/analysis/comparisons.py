@@ -35,6 +35,7 @@ from .orbits.periods import depends_on_time
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
 SKIPPED = 0.01  # fraction of skipped intervals above which a warning is given
+FAINT = 0.2  # of the intervals: so many may end with a separation that is rounding, as where chaotic maps fold
 SMALL_SEPARATION = 1e-4  # a larger part of the motion is no small separation
 CLEAR = 100.0  # separations below this many roundings are refused at the start, or noted if states grow so large
 
@@ -151,7 +152,7 @@ def two_trajectories(
         transient: length before growth is counted.
         separation: d₀, in units of x (Euclidean norm): small against the attractor (a warning says where it is not),
             large against rounding (likewise: of x, and of t in a system that jumps and depends on time).
-        renormalise_every: τ; None: adapted to the observed growth.
+        renormalise_every: τ, at most t1; None: adapted to the observed growth.
         mode: mode at the start, where there are several.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`; None for maps and event-driven systems.
         blocks: number of blocks in which the run is recorded, at least 2; they give the error.
@@ -199,6 +200,7 @@ def two_trajectories(
     if not traced(result) and not result.status.failed:
         _note_size(separation, float(pair.reach))
         _note_rounding(problem, result, x0)
+        _note_faint(int(np.sum(records[-1])), int(result.intervals))
     return _deliver(result, problems.mode_names(system), throw, why)
 
 
@@ -207,6 +209,8 @@ def _require_numbers(t1, transient, separation, every, blocks) -> None:
     positive("separation", separation)
     if every is not None:
         positive("renormalise_every", every)
+        known = not traced((every, t1))
+        require(not known or every <= t1, f"renormalise_every must be at most t1 = {t1!r}; got {every!r}.")
     real("transient, a length,", transient)
     require(traced(transient) or transient >= 0, f"transient, a length, must not be negative; got {transient!r}.")
     whole("blocks", blocks, least=2, each=1)
@@ -252,6 +256,16 @@ def _note_rounding(problem: problems.RunProblem, result: TwoTrajectories, x0) ->
         )
 
 
+def _note_faint(faint: int, intervals: int) -> None:
+    """Warn where the separation often shrinks to rounding within an interval."""
+    if faint > FAINT * intervals:
+        warnings.warn(
+            f"in {faint} of {intervals} intervals the separation falls to that of rounding and the errors of steps, so "
+            "that λ1 is partly theirs: shorten renormalise_every, or give a larger separation.",
+            stacklevel=user_level(),
+        )
+
+
 def _shift_by_time(problem: problems.RunProblem, result: TwoTrajectories, x) -> float:
     """|t| |f| at the end of a run with jumps between flows; else 0."""
     if not isinstance(problem.system, Hybrid) or not problem.system.fields:
@@ -264,7 +278,7 @@ def _shift_by_time(problem: problems.RunProblem, result: TwoTrajectories, x) -> 
 def _summarise(t0, pair: pairs.TrajectoryPair, records, separation, unit: str, labels: Labels) -> TwoTrajectories:
     """The exponent and its standard error from the sums of the blocks."""
     xp = numpy_for(records, t0, pair.elapsed)
-    elapsed, growth, length, intervals, skipped = jax.tree.map(xp.asarray, records)
+    elapsed, growth, length, intervals, skipped, _ = jax.tree.map(xp.asarray, records)
     before = xp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])
     reached = elapsed > before
     total = xp.sum(length)

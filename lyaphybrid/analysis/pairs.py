@@ -23,6 +23,7 @@ GOLDEN = 0.6180339887498949  # the first interval is this part of a fixed one: i
 WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # target ln of the growth in an interval; limits of an interval's change
 # Factor by which attempts are raised for an interval that does not end within `ATTEMPTS_BETWEEN_CHECKS` of them.
 MORE = 8
+NOT_CANCELLED = 0.1  # the part of a step's absolute tolerance that the difference of both trajectories may have
 MOST_LENGTHENINGS = 4  # attempts to lengthen an interval until both trajectories have made the same jumps
 
 
@@ -39,6 +40,7 @@ class TrajectoryPair(NamedTuple):
     length: Array  # total time of these intervals
     intervals: Array
     skipped: Array
+    faint: Array  # intervals that count, at whose end the distance may be that of rounding
     status: Array
     budget: Array  # remaining attempts of a step
     begun: Array  # time reached in an interval that could not be finished within the attempts
@@ -83,7 +85,7 @@ def start(problem: problems.RunProblem, t0, x0, mode, key, recipe: Renormalisati
     interval = recipe.shortest if recipe.every is None else recipe.every * GOLDEN
     interval = jnp.maximum(jnp.round(interval), 1.0) if recipe.whole else interval
     step = getattr(carry.solver_state, "h", None)
-    sums = zero, zero, none, none
+    sums = zero, zero, none, none, none
     return TrajectoryPair(
         zero, x0, direction, problems.mode_of(carry), step, interval, *sums, none + RUNNING, none, zero, _length(x0)
     )
@@ -98,7 +100,7 @@ def restarted(pair: TrajectoryPair) -> TrajectoryPair:
     """The pair with new sums."""
     xp = numpy_for(pair)
     zero, none = (as_jax(xp.zeros_like(xp.asarray(sums))) for sums in (pair.growth, pair.intervals))
-    return pair._replace(growth=zero, length=zero, intervals=none, skipped=none)
+    return pair._replace(growth=zero, length=zero, intervals=none, skipped=none, faint=none)
 
 
 def all_blocks(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: TrajectoryPair, ends, why: str):
@@ -111,7 +113,7 @@ def all_blocks(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: 
     def one(pair, end):
         stop = end if recipe.whole else last
         pair, why = finished(problem, recipe, t0, restarted(pair), end, stop)
-        return pair, (pair.elapsed, pair.growth, pair.length, pair.intervals, pair.skipped), why
+        return pair, (pair.elapsed, pair.growth, pair.length, pair.intervals, pair.skipped, pair.faint), why
 
     leaves = jax.tree.leaves((problem, recipe, t0, pair, ends))
     if traced(leaves):
@@ -190,6 +192,7 @@ def _interval(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: T
     good = _agree(loop_states) & (status == RUNNING) & (distance <= jnp.sqrt(separation * reach))
     growth = jnp.log(distance / separation)
     met = distance == 0
+    faint = good & ~met & (distance < _noise(problem, first.x[0]))
     interval = recipe.every
     if interval is None:
         interval = _adapted(recipe, pair.interval, jnp.where(good, jnp.abs(growth), jnp.inf))
@@ -205,6 +208,7 @@ def _interval(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: T
         pair.length + jnp.where(good, loop_states.elapsed[0], 0.0),
         pair.intervals + 1,
         pair.skipped + jnp.where(good, 0, 1),
+        pair.faint + jnp.where(faint, 1, 0),
         status,
         budget,
         pair.begun,
@@ -212,6 +216,12 @@ def _interval(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: T
     )
     undone = pair._replace(budget=budget, begun=jnp.min(loop_states.elapsed + first.s))
     return states.select(_any_short(loop_states), undone, after)
+
+
+def _noise(problem: problems.RunProblem, x):
+    """A distance that rounding, or errors of the steps that do not cancel, may have made."""
+    rounding = jnp.finfo(x.dtype).eps * jnp.max(jnp.abs(x))
+    return jnp.maximum(rounding, NOT_CANCELLED * jnp.asarray(getattr(problem.method, "atol", 0.0), x.dtype))
 
 
 def _any_short(loop_states: states.LoopState):

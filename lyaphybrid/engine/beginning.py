@@ -60,7 +60,7 @@ def initial_loop_state(settings: Settings, t0, x, frame, mode, h, interval) -> L
 
 
 def within_mode(settings: Settings, carry: StepState, t, mode) -> StepState:
-    """Project the frame onto the tangent space of the mode; columns that this makes empty do not count as lost."""
+    """Project the frame onto the tangent space of the mode; columns that this makes empty are lost."""
     project = settings.evolver.onto_mode(mode, t, carry.x)
     if project is None:
         return carry
@@ -70,7 +70,7 @@ def within_mode(settings: Settings, carry: StepState, t, mode) -> StepState:
     kept = carry.growth, carry.order, carry.left
     unwatched = settings._replace(observer=None)
     least = 0.0 if carry.losses is None else frames.LOST
-    carry, _ = orthonormalise_and_accumulate(unwatched, carry, t, least, least, project, was_live=False)
+    carry, _ = orthonormalise_and_accumulate(unwatched, carry, t, least, least, project)
     return carry._replace(growth=kept[0], order=kept[1], left=kept[2])
 
 

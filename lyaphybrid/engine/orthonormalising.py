@@ -87,7 +87,6 @@ def orthonormalise_and_accumulate(
     absolute: Any = 0.0,
     relative=0.0,
     project=None,
-    was_live: Any = True,
 ) -> tuple[StepState, Array]:
     """Orthonormalise the frame and add ln R_ii to the growth; also returns ln R_ii (k,), before columns are permuted.
 
@@ -100,16 +99,18 @@ def orthonormalise_and_accumulate(
         absolute: tolerance, see `frames.orthonormalise`.
         relative: tolerance, see `frames.orthonormalise`.
         project: projection onto the tangent space of the mode; None: no constraint.
-        was_live: (k,) columns that were not empty before.
     """
     found = frames.orthonormalise(carry.frame, settings.kind, absolute, relative)
-    return accumulate(settings, carry, t, found, frames.tracked(relative), project, was_live), found[1]
+    return accumulate(settings, carry, t, found, frames.tracked(relative), project), found[1]
 
 
 def accumulate(
     settings: Settings, carry: StepState, t, found, tracked=True, project=None, was_live: Any = True
 ) -> StepState:
-    """Take over the result (columns, ln R_ii, lost) of an orthonormalisation; lost columns are counted and replaced."""
+    """Take over the result (columns, ln R_ii, lost) of an orthonormalisation; lost columns are counted and replaced.
+
+    `was_live`: (k,) columns that were not empty before.
+    """
     frame, log_r, lost = found
     if settings.observer is not None:
         seen = Orthonormalisation(

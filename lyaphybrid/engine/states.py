@@ -212,13 +212,16 @@ def stretched(carry: StepState):
 def restart(loop_state: LoopState, observer: Observer | None = None) -> LoopState:
     """Start a new run from the present state: time, jumps and losses are counted from zero.
 
-    The status is kept: a run that has ended stays ended.
+    As at the start of any run, columns without room in the mode are lost. The status is kept: a run that has ended
+    stays ended.
     """
-    carry = loop_state.carry._replace(jumps=jnp.zeros_like(loop_state.carry.jumps))
+    carry, t = loop_state.carry._replace(jumps=jnp.zeros_like(loop_state.carry.jumps)), jnp.sum(loop_state.base)
     if carry.losses is not None:
-        carry = carry._replace(losses=jnp.zeros_like(carry.losses), first_loss=jnp.full_like(carry.first_loss, jnp.nan))
+        lost = ~jnp.any(carry.frame != 0, axis=0)
+        first = jnp.where(lost, t, jnp.nan).astype(carry.first_loss.dtype)
+        carry = carry._replace(losses=lost.astype(carry.losses.dtype), first_loss=first)
     if observer is not None:
-        carry = carry._replace(observer=observer.init(loop_state.base[0] + loop_state.base[1], carry.frame))
+        carry = carry._replace(observer=observer.init(t, carry.frame))
     nothing = jnp.zeros_like(loop_state.elapsed)
     return LoopState(carry, loop_state.base, nothing, jnp.zeros_like(loop_state.block), loop_state.interval, nothing)
 

@@ -88,10 +88,11 @@ class Result(abc.ABC):
             ValueError: under jit, vmap or grad, where there are no values.
         """
         data = self.to_xarray()
-        for name, values in data.data_vars.items():
+        for name, values in data.variables.items():
             if np.iscomplexobj(values):
-                parts = {f"{name}_real": values.real, f"{name}_imag": values.imag}
-                data = data.drop_vars(str(name)).assign(parts)
+                parts = {f"{name}_real": (values.dims, values.real), f"{name}_imag": (values.dims, values.imag)}
+                place = data.assign_coords if name in data.coords else data.assign
+                data = place(parts).drop_vars(str(name))
         data.to_netcdf(path)
 
     def _repr_html_(self) -> str:

@@ -1,6 +1,7 @@
 """`refine`: adaptive refinement of a sweep where its classification changes."""
 
 import itertools
+import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -117,6 +118,7 @@ def _axes_of(dataset) -> dict[str, np.ndarray]:
         dims is not None,
         "refine takes a dataset as lh.sweep returns it; this one has lost its attribute 'dims': keep the attributes.",
     )
+    dims = json.loads(dims) if isinstance(dims, str) else dims  # a list in datasets of before
     require(
         POINT not in dims,
         "refine takes a sweep over a grid; this one has a list of points: sweep with over={…} instead of points={…}. "

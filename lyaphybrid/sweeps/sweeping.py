@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import os
 import time
 import warnings
@@ -297,7 +298,9 @@ class Work:
         coordinates = grid.coordinates()
         if "exponents" in data:
             coordinates["exponent"] = (("exponent",), np.arange(1, data["exponents"][1].shape[-1] + 1))
-        found = {"seconds": seconds, "outcome": outcome(self.variables)}
+        # NetCDF has no lists of words.
+        dims = {"dims": json.dumps(list(grid.dims), ensure_ascii=False)}
+        found = dims | {"seconds": seconds, "outcome": outcome(self.variables)}
         return xarray.Dataset(data, coordinates, self._attributes() | found)
 
 

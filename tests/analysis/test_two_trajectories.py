@@ -260,3 +260,18 @@ def test_small_units_need_a_smaller_separation_and_say_so(scale):
     found = lh.two_trajectories(lh.Map(rule), start, scale, separation=1e-8 * scale, **how)
     same = lh.two_trajectories(lh.Map(rule), [0.1, 0.1], 1.0, **how)
     assert_allclose(found.exponent, same.exponent, rtol=0, atol=0.02)
+
+
+def test_a_separation_that_falls_to_rounding_is_said():
+    """x' = −x/10 over intervals in which the separation shrinks to 1e-17; it read −0.037(7) without a word."""
+    decay = lh.Flow(lambda t, x, a: -0.1 * x)
+    with pytest.warns(UserWarning, match="in 2 of 2 intervals the separation falls to .*: shorten renormalise_every"):
+        lh.two_trajectories(decay, [1.0, 2.0], t1=1000.0, renormalise_every=1000.0)
+    shorter = lh.two_trajectories(decay, [1.0, 2.0], t1=1000.0, renormalise_every=50.0)
+    assert_allclose(shorter.exponent, -0.1, rtol=1e-5)
+
+
+def test_an_interval_is_no_longer_than_the_run():
+    """After a transient it did not end in minutes."""
+    with pytest.raises(ValueError, match=r"renormalise_every must be at most t1 = 100; got 1000000000\.0"):
+        lh.two_trajectories(LOGISTIC, [0.3], 4.0, t1=100, transient=10, renormalise_every=1e9)

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
@@ -146,3 +147,12 @@ def test_names_that_are_taken_and_whole_numbers(name, values, says):
     grid = lh.sweep(run, {name: np.array(values)}, args={name: 3.0}, progress=False)
     with pytest.raises(ValueError, match=says):
         lh.refine(grid, run, args={name: 3.0}, progress=False)
+
+
+def test_a_sweep_is_written_to_a_file_and_refined_from_it(tmp_path):
+    """With SciPy's writer, which takes no attribute that is a list of words."""
+    grid = lh.sweep(lens, AXES, args=START, progress=False)
+    grid.to_netcdf(tmp_path / "grid.nc", engine="scipy")
+    with xarray.open_dataset(tmp_path / "grid.nc", engine="scipy") as read:
+        again = lh.refine(read.load(), lens, args=START, classify=classes, progress=False, levels=1)
+    xarray.testing.assert_equal(again, refined(levels=1))

@@ -183,7 +183,7 @@ def test_attributes(whole):
     assert whole.attrs["lyaphybrid"] == lh.__version__
     assert whole.attrs["seconds"] > 0
     assert "3: zeno" in whole.attrs["statuses"]
-    assert whole.attrs["dims"] == ["args"]
+    assert json.loads(whole.attrs["dims"]) == ["args"]
     assert whole.attrs["system"] == "Map"
     assert whole.attrs["method"] == ""
     assert whole.exponent.values.tolist() == [1]

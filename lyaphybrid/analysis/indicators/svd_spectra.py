@@ -20,7 +20,7 @@ from jaxtyping import Array
 
 from ... import plots
 from ..._arguments import Progress, Real, State, Times, flag, require_one_start, require_values, whole
-from ..._linalg.frames import orthonormalise
+from ..._linalg.frames import LOST, orthonormalise
 from ..._text import Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.preparation import grown_columns
@@ -52,12 +52,16 @@ class ProductObserver:
     """The `states.Observer` that updates P."""
 
     def init(self, t, frame) -> GradedProduct:
-        """Orthonormalise the first frame, frame = Q_0 R; then P = R⁻¹ at the start."""
+        """Orthonormalise the first frame, frame = Q_0 R; then P = R⁻¹ at the start, where R has an inverse.
+
+        In a mode of fewer dimensions the projection onto its tangent space may have made columns dependent.
+        """
         del t
-        k = frame.shape[1]
-        start, logs, _ = orthonormalise(frame)
-        inverse = jax.scipy.linalg.solve_triangular(jnp.triu(start.T @ frame), jnp.eye(k, dtype=frame.dtype))
-        return GradedProduct(start, inverse * jnp.exp(logs)[:, None], -logs)
+        unit = jnp.eye(frame.shape[1], dtype=frame.dtype)
+        start, logs, lost = orthonormalise(frame, relative=LOST)
+        r = jnp.where(lost[None, :], unit, jnp.triu(start.T @ frame))
+        inverse = jnp.where(lost[:, None], 0.0, jax.scipy.linalg.solve_triangular(r, unit))
+        return GradedProduct(start, inverse * jnp.exp(logs)[:, None], jnp.where(lost, -jnp.inf, -logs))
 
     def update(self, state: GradedProduct, seen: Orthonormalisation) -> GradedProduct:
         """P ← R P, by rows."""
