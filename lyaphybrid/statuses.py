@@ -28,7 +28,8 @@ class STATUS(enum.IntEnum):
         "to rest; end the run with a terminal transition, or give the rest a mode of its own, as the page on "
         "accumulating events shows for a table that moves; (b) a cascade went "
         "beyond max_cascade, resets that throw the state from guard to guard, or modes that change to and fro: a guard "
-        "that is beyond zero where its mode is entered fires at once, as in a hysteresis with exchanged thresholds",
+        "that is beyond zero where its mode is entered fires at once, as in a hysteresis with exchanged thresholds; "
+        "(c) more units than max_cascade of lh.Hybrid fire at one instant, as neurons in an avalanche: raise it",
     )
     deadlock = (
         4,

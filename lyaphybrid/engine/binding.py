@@ -24,6 +24,8 @@ from .states import Settings
 
 __all__ = ["evolver_of", "number", "settings_of"]
 
+SHORT_CASCADE = 16  # jumps at one instant that are allowed where there are fewer guards
+
 
 def evolver_of(problem: RunProblem, t, x):
     """The evolver of a problem, made while tracing; the user's functions are checked and get their `args`."""
@@ -51,7 +53,8 @@ def evolver_of(problem: RunProblem, t, x):
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in hybrid.clocks
     )
     terminal = tuple(tr.terminal for tr in system.guarded)
-    return _moving(hybrid, method, clocks, terminal, system.max_cascade, t, x)
+    most = system.max_cascade or max(SHORT_CASCADE, hybrid.slots)
+    return _moving(hybrid, method, clocks, terminal, most, t, x)
 
 
 def _moving(hybrid, method, clocks, terminal, max_cascade, t, x) -> Stepping:

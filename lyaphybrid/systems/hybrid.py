@@ -126,7 +126,8 @@ class Hybrid(eqx.Module):
             the motion is constrained.
         initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs without `mode`; negative
             if no mode can continue from the state (``deadlock``). None: the only mode.
-        max_cascade: largest number of jumps at one time; one more ends the run as ``zeno``. A run that counts jumps
+        max_cascade: largest number of jumps at one time; one more ends the run as ``zeno``. None: 16, or as many as
+            there are guards in a mode, for units that are alike may fire together. A run that counts jumps
             (``clock="jumps"`` or ``"hybrid"``) continues such a cascade without limit, and ends if the cascade does.
         flow_set: ``(t, x, args) -> c``, continuously differentiable, or ``{"mode": function, …}``: the flow set C is
             where c ≥ 0. A flow that leaves C where no transition fires ends as ``deadlock``, and so does a jump or a
@@ -166,7 +167,7 @@ class Hybrid(eqx.Module):
     initial_mode: Callable | None
     flow_sets: tuple[Callable | None, ...]
     mode_names: tuple[str, ...] = eqx.field(static=True)
-    max_cascade: int = eqx.field(static=True)
+    max_cascade: int | None = eqx.field(static=True)
     names: tuple[str, ...] | None = eqx.field(static=True)
     units: tuple[str, ...] | None = eqx.field(static=True)
     time_unit: str | None = eqx.field(static=True, default=None)
@@ -176,7 +177,7 @@ class Hybrid(eqx.Module):
         fields: Any,
         transitions: Transition | Sequence[Transition],
         tangent: Mapping[str, Callable] | None = None,
-        max_cascade: int = 16,
+        max_cascade: int | None = None,
         *,
         initial_mode: Callable | None = None,
         flow_set: Callable | Mapping[str, Callable] | None = None,
@@ -198,7 +199,8 @@ class Hybrid(eqx.Module):
         self.initial_mode, self.max_cascade = initial_mode, max_cascade
         if initial_mode is not None:
             require_callable("initial_mode", initial_mode, "(t, x, args) -> index of a mode")
-        if isinstance(max_cascade, bool) or not isinstance(max_cascade, int) or max_cascade < 1:
+        whole_number = isinstance(max_cascade, int) and not isinstance(max_cascade, bool)
+        if max_cascade is not None and (not whole_number or max_cascade < 1):
             raise ValueError(f"max_cascade must be a positive integer; got {max_cascade!r}.")
         for transition in self.transitions:
             target = (transition.target,) if isinstance(transition.target, str) else ()

@@ -408,3 +408,13 @@ def test_the_derivative_of_an_event_time():
     value, slope = jax.jvp(height, (jnp.asarray(0.5),), (jnp.asarray(1.0),))
     assert_allclose(value, 0.5 * 0.4 - 0.4**2 / 2, rtol=0, atol=1e-11)
     assert_allclose(slope, 0.5 * 0.4 - 0.5 * 1.0 + 0.4, rtol=0, atol=1e-9)  # dτ/dx0 = 1/τ = 1
+
+
+def test_as_many_units_as_there_are_may_fire_together():
+    """Twenty equal neurons: twenty jumps at each instant, and a period of ln 6 each."""
+    neurons = lh.Hybrid(
+        lambda t, v, args: 1.2 - v, lh.Transition(lambda t, v, args: 1 - v, lambda t, v, args, i: v.at[i].set(0.0))
+    )
+    run = lh.trajectory(neurons, np.zeros(20), t1=10.0, n=2)
+    assert len(run.events.t) == 20 * int(10 / np.log(6))
+    np.testing.assert_allclose(run.events.t, np.repeat(np.log(6) * np.arange(1, 6), 20), rtol=1e-9)

@@ -129,7 +129,7 @@ def _hybrid(node: Hybrid, wiring: NodeWiring, count: int) -> Hybrid:
             for network in _transitions(one, modes, wiring, dict(zip(names, combinations, strict=True)))
         ],
         tangent=tangent if bound else None,
-        max_cascade=node.max_cascade * count,
+        max_cascade=node.max_cascade and node.max_cascade * count,
         initial_mode=node.initial_mode and of_start(wiring, node.initial_mode, len(modes)),
         **_labels(node, count),
     )
