@@ -102,6 +102,15 @@ def whole_ticks(axis) -> None:
     axis.set_major_locator(MaxNLocator(nbins=16, integer=True))
 
 
+def short_ticks(axis) -> None:
+    """Numbers at the marks that do not run into each other: of small and of large values a power of ten apart."""
+    from matplotlib.ticker import ScalarFormatter
+
+    if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
+        formatter.set_powerlimits((-3, 5))
+        formatter.set_useMathText(True)
+
+
 def is_dark(ax: Axes | None) -> bool:
     """Whether axes are darker than middle grey."""
     if ax is None:

@@ -115,8 +115,8 @@ def bifurcations(result: Any, ax: Axes | None = None, i: int | None = None, **st
 def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
     """The largest exponent of every run against the parameter, with error bars of one standard error.
 
-    Coexisting attractors are dots at the same value; runs followed up and down are joined by lines. A cross at the
-    bottom marks a failed run.
+    Coexisting attractors are dots at the same value; runs followed up and down are joined by lines. At the bottom a
+    triangle marks an exponent of −∞, and a cross a failed run.
 
     Args:
         result: a `BifurcationDiagram`.
@@ -141,6 +141,7 @@ def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
     ax = axes_of(ax, (7.2, 3.4))
     ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
     exponents, errors = result.exponents[..., 0], result.stderr[..., 0]
+    lost = np.any(np.isneginf(exponents), axis=1)
     exponents = np.where(np.isfinite(exponents), exponents, np.nan)
     errors = np.where(np.isfinite(errors), errors, 0.0)
     for kind, columns in _by_kind(result):
@@ -154,9 +155,13 @@ def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
             look = bars | styled("line", style, color=colour, label=label, **usual)
             ax.errorbar(result.values, exponents[:, column], errors[:, column], **look)
     failed = np.any((result.status != OK) & (result.status != int(STATUS.terminated)), axis=1)
-    if np.any(failed):
-        where = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        ax.plot(result.values[failed], np.full(np.sum(failed), 0.02), "x", color=COLOURS[1], markersize=4, **where)
+    where: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "linestyle": "none"}
+    for at, marker, colour in ((failed, "x", COLOURS[1]), (lost & ~failed, "v", ink(ax, 0.3))):
+        if np.any(at):
+            ax.plot(result.values[at], np.full(np.sum(at), 0.02), marker=marker, color=colour, markersize=4, **where)
+    if np.any(lost & ~failed):
+        first, beside = result.values[lost & ~failed][0], {"xytext": (0, 4), "textcoords": "offset points"}
+        ax.annotate("−∞", (first, 0.02), xycoords=ax.get_xaxis_transform(), ha="center", fontsize="small", **beside)
     ax.set_xlabel(result.parameter)
     ax.set_ylabel("largest exponent λ$_1$" + per_unit(result.state_labels.time_unit))
     _legend(ax, result)

@@ -7,7 +7,20 @@ import numpy as np
 
 from .._arguments import whole
 from .._text import with_unit
-from .axes import COLOURS, Axes, Figures, colours, component, ink, is_dark, panels, styled, time_label, whole_ticks
+from .axes import (
+    COLOURS,
+    Axes,
+    Figures,
+    colours,
+    component,
+    ink,
+    is_dark,
+    panels,
+    short_ticks,
+    styled,
+    time_label,
+    whole_ticks,
+)
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -64,6 +77,7 @@ def trajectory(
     for one, group in zip(axes, groups, strict=True):
         _panel(one, trajectory, samples, group, hues, style)
     axes[-1].set_xlabel(time_label("iteration" if _is_discrete(trajectory) else trajectory.state_labels.time_unit))
+    short_ticks(axes[-1].xaxis)
     return axes[0]
 
 

@@ -1,5 +1,7 @@
 """Pictures: what is drawn is what was computed."""
 
+import itertools
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -295,3 +297,24 @@ def test_times_have_the_name_of_what_is_counted(verb, system, label):
     length = {"window": 10, "tau": 10} if verb == "spectral_intervals" else {"blocks": 10}
     axes = getattr(lh, verb)(system, [0.1, 0.2], 1.4, t1=40, **length).plot()
     assert np.ravel(axes)[-1].get_xlabel() == label
+
+
+def test_exponents_of_minus_infinity_are_marked_in_a_diagram():
+    """They had no mark, as if nothing had been computed there."""
+    forgets = lh.Map(lambda n, x, a: jnp.where(x > a, 0.4 + 0 * x, 1.7 * x))
+    found = lh.bifurcation_diagram(
+        forgets, [[0.1], [0.9]], 0.5, over={"args": [0.5, 0.6]}, t1=100, transient=50, samples=8, directions=("up",)
+    )
+    ax = plots.largest_exponent(found)
+    (marks,) = [line for line in ax.get_lines() if line.get_marker() == "v"]
+    assert marks.get_xdata().tolist() == [0.5, 0.6]
+    assert [text.get_text() for text in ax.texts] == ["−∞"]
+
+
+def test_marks_of_short_times_do_not_run_into_each_other():
+    run = lh.trajectory(lh.Flow(lambda t, x, a: -1e4 * x), [1.0], t1=4e-4, n=8)
+    ax = run.plot()
+    ax.figure.canvas.draw()
+    boxes = [label.get_window_extent() for label in ax.get_xticklabels()]
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+    assert "10" in ax.xaxis.get_offset_text().get_text()

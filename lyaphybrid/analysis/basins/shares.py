@@ -22,7 +22,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..diagrams.diagrams import only_parameter
-from ..diagrams.strobes import parameter_in, placed
+from ..diagrams.strobes import path_in, placed
 from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, BasinRun, Basins
 from .keeping import KeptSteps
 from .recognition import Attractor, Metric, arrived, distances
@@ -152,8 +152,7 @@ def basin_shares(
     """
     require_values("basin_shares", x0, args)
     name, values = only_parameter(over)
-    parameter_in(args, name)
-    path, known, found, numbers = tuple(name.split(".")), [], [], []
+    path, known, found, numbers = path_in(args, name), [], [], []
     how = {"period": period, "angles": angles, "t0": t0, "mode": mode, "method": method, "max_steps": max_steps}
 
     def run_at(value) -> BasinRun:

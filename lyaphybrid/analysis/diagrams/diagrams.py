@@ -45,7 +45,7 @@ from ..orbits.sides import BEYOND_GUARD
 from ..spectra import initial_frame
 from . import attractors
 from .sections import with_section
-from .strobes import RunEnd, StrobeResults, StrobeRun, parameter_in, placed, run, schedule
+from .strobes import RunEnd, StrobeResults, StrobeRun, at, path_in, placed, run, schedule
 
 __all__ = ["BifurcationDiagram", "bifurcation_diagram", "only_parameter"]
 
@@ -288,7 +288,7 @@ def bifurcation_diagram(
     _check_parameter(problem, name, values, period, given[0], transient)
     n = problem.shape[0]
     angles = integers("angles, which are components,", angles, 0, n - 1)
-    how = schedule(name, angles, transient, t1, samples)
+    how = schedule(path_in(problem.args, name), angles, transient, t1, samples)
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
     shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
     follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
@@ -353,10 +353,11 @@ def _starts(x0, starts, values: int, key, draws: bool):
 
 
 def _check_parameter(problem, name, values, period, x, transient) -> None:
-    leaf = parameter_in(problem.args, name)
+    path = path_in(problem.args, name)
+    leaf = at(problem.args, path)
     require(np.shape(leaf) == (), f"The parameter {name!r} must be a single number; got shape {np.shape(leaf)}.")
     for value in () if period is None else values[[0, -1]]:
-        args = placed(problem.args, name.split("."), value)
+        args = placed(problem.args, path, value)
         own = period(args) if callable(period) else period
         positive("period", own)
         check_period(problem.system, own, x, args, transient * own, where=f" at {name} = {value:.6g}", strobe=True)

@@ -66,33 +66,40 @@ class StrobeResults(NamedTuple):
 
 
 def at(tree, path):
-    """The parameter of that name, ("a", "b") for a["b"] or a.b."""
+    """The parameter of that name, ("a", "b") for a["b"] or a.b, ("a", "0") for a[0]; all of args by ()."""
     for word in path:
-        tree = tree[word] if isinstance(tree, Mapping) else getattr(tree, word)
+        if isinstance(tree, list | tuple) and not hasattr(tree, word):
+            tree = tree[int(word)]
+        else:
+            tree = tree[word] if isinstance(tree, Mapping) else getattr(tree, word)
     return tree
 
 
-def parameter_in(args, name: str):
-    """The parameter of that name, "a.b" for a["b"] or a.b; a ValueError where there is none."""
+def path_in(args, name: str) -> tuple[str, ...]:
+    """The path of the parameter of that name, "a.b", or "args" where they are one number; a ValueError without one."""
+    if name == "args" and eqx.is_array_like(args):
+        return ()
+    path = tuple(name.split("."))
     try:
-        return at(args, name.split("."))
-    except (KeyError, AttributeError, TypeError):
+        at(args, path)
+    except (KeyError, AttributeError, TypeError, ValueError, IndexError):
         raise ValueError(f"args has no parameter {name!r}; args: {args!r}.") from None
+    return path
 
 
 def placed(args, path, value):
     """The parameters with another value of one of them."""
-    return eqx.tree_at(lambda tree: at(tree, path), args, value)
+    return eqx.tree_at(lambda tree: at(tree, path), args, value) if path else value
 
 
-def schedule(name: str, angles, transient: int, t1: int, samples: int) -> StrobeSettings:
+def schedule(path: tuple[str, ...], angles, transient: int, t1: int, samples: int) -> StrobeSettings:
     """The settings; blocks are one period long unless there are too many, and always for the kept points."""
     longest = -(-(transient + t1) // MOST_BLOCKS)
     quiet = _divided(0, transient, longest)
     loud = _divided(transient, transient + t1 - samples, longest)
     last = transient + t1 - samples + np.arange(1, samples + 1)
     ends = np.concatenate([quiet, loud, last])
-    return StrobeSettings(tuple(name.split(".")), angles, transient, tuple(ends.tolist()), samples)
+    return StrobeSettings(path, angles, transient, tuple(ends.tolist()), samples)
 
 
 def _divided(first: int, last: int, longest: int) -> np.ndarray:

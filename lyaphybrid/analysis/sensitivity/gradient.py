@@ -364,9 +364,11 @@ def _estimate(case: ExponentFunction, algorithm: str, period, key, ensemble) -> 
         raise UntrustedError(f"The motion fails: {'; '.join(before)}", failed=True)
     needed = "regression needs key=jax.random.key(seed) for its ensemble."
     require(key is not None, f"{'. '.join(before)}. What is left, {needed}" if before else needed)
-    found = by_regression(
-        case, key=key, window=window, points=points, replicates=replicates, degree=degree, progress=progress
-    )
+    how = {"window": window, "points": points, "replicates": replicates, "degree": degree}
+    try:
+        found = by_regression(case, key=key, progress=progress, **how)
+    except ValueError as error:
+        raise ValueError(f"{'. '.join(before)}. What is left, regression: {error}" if before else str(error)) from error
     return "regression", found._replace(reasons=(*before, *found.reasons))
 
 

@@ -578,3 +578,14 @@ def test_angles_are_drawn_within_one_turn():
     assert np.ptp(found.points) > 60
     assert -np.pi < np.min(heights) < -3
     assert 3 < np.max(heights) <= np.pi
+
+
+def test_parameters_that_are_one_number_or_stand_in_a_list():
+    """By the names that sweeps and branches have for them."""
+    how = {"t1": 100, "transient": 50, "samples": 8}
+    by_name = lh.bifurcation_diagram(LOGISTIC, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, **how)
+    bare = lh.Map(lambda n, x, r: r * x * (1 - x))
+    listed = lh.Map(lambda n, x, args: args[1] * x * (1 - x))
+    for system, args, name in ((bare, 0.0, "args"), (listed, [1.0, 0.0], "1")):
+        found = lh.bifurcation_diagram(system, [[0.1], [0.9]], args, over={name: [2.8, 3.2]}, **how)
+        np.testing.assert_array_equal(found.points, by_name.points)
