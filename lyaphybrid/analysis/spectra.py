@@ -114,8 +114,9 @@ def lyapunov_spectrum(
         k: number of exponents; None: n, or n_differential of an `lh.DAE`.
         frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical; fewer than
             n columns have generic directions instead, for unit vectors may never leave a subspace, as of the driven
-            part of two. Of an `lh.DAE` they are projected onto the tangent space of the constraints; None: column i
-            changes component i of E₁ x alone.
+            part of two. A direction that is destroyed, in the transient too, is replaced by a generic one, which need
+            not stay in such a part: see `lh.transverse_spectrum`. Of an `lh.DAE` they are projected onto the tangent
+            space of the constraints; None: column i changes component i of E₁ x alone.
         method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
             have none.
         every: interval of orthonormalisations in iterations (maps), steps (fixed dt), units of time (adaptive) or jumps

@@ -148,7 +148,8 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), losses per unit of the clock, and
             the time of the first loss (nan: never).
         finite_exponents: (k,) mean growth without the instants of loss; equal to `exponents` where nothing was lost.
-            A lost direction is replaced by one of length 1: if losses are frequent this depends on the coordinates.
+            A lost direction is replaced by one of length 1, the last of the columns: if losses are frequent this, and
+            which column has how many of the losses, depends on the coordinates and on k. The -inf do not.
         min_transversality: smallest |sin| of the angle between flow and guard at an event; inf without events.
         history: time, exponents (running), growth (per block).
         x, t, mode, frame: the final state, from which a run can be continued.
