@@ -12,6 +12,7 @@ import gc
 import inspect
 import json
 import math
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -50,6 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("lyaphybrid: interrupted", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:  # who reads, as `head` does, has enough; Python would write once more when it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return WORKED
 
 
 def _set_up() -> None:
@@ -112,7 +116,14 @@ def _sweep(options) -> int:
         raise RefusedError(
             f"Nothing to sweep: give --over KEY=LOW:HIGH:COUNT; KEY is one of {', '.join(problem.parameters)}."
         )
-    over = dict(_axis(text, problem) for text in options.over)
+    axes = [_axis(text, problem) for text in options.over]
+    over = dict(axes)
+    if twice := [key for key in over if [name for name, _ in axes].count(key) > 1]:
+        raise RefusedError(f"--over names {twice[0]} twice: give one axis for each parameter.")
+    if fixed := [key for key in over if key in {setting.partition("=")[0] for setting in options.set}]:
+        raise RefusedError(f"{fixed[0]} is an axis of the sweep, --over, and cannot have one value by --set as well.")
+    if options.resume and options.store is None:
+        raise RefusedError("--resume goes on with a store: give its folder, --store FOLDER.")
     fixed = {name: value for name, value in problem.parameters.items() if name not in over}
     overrides = _overrides(options, problem)
     if options.store is not None and options.store.exists() and not options.resume:

@@ -275,11 +275,23 @@ def test_a_sweep_of_many_points_says_what_there_is_between(capsys):
         (["--over", "a=1:2:0"], "KEY=LOW:HIGH:COUNT"),
         (["--over", "c=1:2:3"], "no parameter 'c' that can be swept; it has a, b"),
         ([], "Nothing to sweep"),
+        (["--over", "a=1:1.2:2", "--over", "a=1:1.4:2"], "--over names a twice"),
+        (["--over", "a=1:1.2:2", "--set", "a=1"], "a is an axis of the sweep, --over"),
+        (["--over", "a=1:1.2:2", "--resume"], "--resume goes on with a store"),
     ],
 )
 def test_a_sweep_that_does_not_fit_is_refused(arguments, says, capsys):
     assert main(["sweep", "henon_map", *arguments]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_who_reads_may_have_enough():
+    """As `lyaphybrid list | head -1`."""
+    command = [sys.executable, "-m", "lyaphybrid", "list"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as listing:
+        listing.stdout.close()
+        assert listing.stderr.read() == b""
+    assert listing.returncode == 0
 
 
 def test_every_command_has_examples_that_can_be_typed(capsys):
