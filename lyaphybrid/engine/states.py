@@ -215,10 +215,11 @@ def restart(loop_state: LoopState, observer: Observer | None = None) -> LoopStat
     As at the start of any run, columns without room in the mode are lost. The status is kept: a run that has ended
     stays ended.
     """
-    carry, t = loop_state.carry._replace(jumps=jnp.zeros_like(loop_state.carry.jumps)), jnp.sum(loop_state.base)
+    carry = loop_state.carry._replace(jumps=jnp.zeros_like(loop_state.carry.jumps))
+    t = jnp.sum(loop_state.base, axis=-1)
     if carry.losses is not None:
-        lost = ~jnp.any(carry.frame != 0, axis=0)
-        first = jnp.where(lost, t, jnp.nan).astype(carry.first_loss.dtype)
+        lost = ~jnp.any(carry.frame != 0, axis=-2)  # ([m,] k), of one run or of several
+        first = jnp.where(lost, t[..., None], jnp.nan).astype(carry.first_loss.dtype)
         carry = carry._replace(losses=lost.astype(carry.losses.dtype), first_loss=first)
     if observer is not None:
         carry = carry._replace(observer=observer.init(t, carry.frame))

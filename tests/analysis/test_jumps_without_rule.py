@@ -73,3 +73,20 @@ def test_a_response_that_moves_the_drive_ends_within_a_sweep():
         run(0.5)
     found = lh.sweep(run, {"args": np.array([0.0, 0.5])}, args=0.1, progress=False)
     assert found.status.values.tolist() == [lh.STATUS.ok, lh.STATUS.nonfinite]
+
+
+def test_a_coupling_whose_output_jumps_ends_within_a_sweep():
+    """Each α of an oscillator with impacts that is coupled by its velocity; by its position there is a rule."""
+    wall = lh.Transition(lambda t, x, a: x[0], lambda t, x, a: jnp.stack([x[0], -0.8 * x[1]]))
+    oscillator = lh.Hybrid(lambda t, x, a: jnp.stack([x[1], jnp.cos(2.8 * t) - a * x[1] - x[0]]), wall)
+
+    def by(coupling):
+        return lambda a: lh.master_stability(oscillator, coupling, [0.1, 0.5], a, at=[-0.1], t1=20.0, throw=False)
+
+    velocity, position = by(lambda t, x, a: x * jnp.array([0.0, 1.0])), by(lambda t, x, a: jnp.stack([0 * x[0], x[0]]))
+    with pytest.raises(ValueError, match="the coupling's output jumps"):
+        velocity(0.1)
+    assert jax.jit(velocity)(0.1).status_code.tolist() == [int(lh.STATUS.nonfinite)]
+    found = jax.jit(position)(0.1)
+    assert found.status_code.tolist() == [0]
+    np.testing.assert_allclose(found.exponents, position(0.1).exponents, rtol=1e-9)

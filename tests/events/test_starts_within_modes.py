@@ -39,3 +39,13 @@ def test_a_transient_that_ends_in_the_mode(verb):
 def test_one_generic_direction_is_that_of_the_mode():
     found = lh.svd_spectrum(LEAVES, [1.0, 0.0], t1=2.0, mode="stuck", k=1)
     assert_allclose(found.exponents, [0.3], rtol=1e-12)
+
+
+def test_several_runs_with_a_transient():
+    starts = [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]
+    found = lh.lyapunov_spectrum(LEAVES, starts, transient=0.25, t1=4.0, mode="stuck")
+    assert_allclose(found.replicates, [EXACT] * 3, rtol=1e-12)
+    assert found.losses.tolist() == [0, 3]
+    found = lh.lyapunov_spectrum(LEAVES, starts, transient=0.75, t1=4.0, mode="stuck")  # free by then
+    assert found.losses.tolist() == [0, 0]
+    assert_allclose(found.exponents, [0.3, -0.1], rtol=1e-9)

@@ -12,14 +12,17 @@ Then S is the saltation matrix of one system, with the input α DH ξ. Clocks ti
 """
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ..._jax.columns import linear_at
-from .skew_products import Cocycle, Columns
+from .checking import differ
+from .skew_products import Cocycle, Columns, GuardJump
 
-__all__ = ["CoupledMode"]
+__all__ = ["CoupledMode", "order_of_jumps"]
 
 
 class CoupledMode(Cocycle):
@@ -59,6 +62,11 @@ class CoupledMode(Cocycle):
         own, strength = args
         return _times(strength, linear_at(lambda x: self.coupling(t, x, own), x)(vectors))
 
+    def allows(self, jump: GuardJump, t, x, new, args, *which):
+        """Not where it matters which of two systems jumps first."""
+        order = order_of_jumps(self.coupling, self.enters, args, jump, t, x, new, *which)
+        return ~(differ(order.before, order.after) | (order.depends & differ(*order.rates)))
+
     def of_inputs(self, function, args, resets: bool):
         """The function with c in its parameters; or, of a field or the rule of a map, plus c."""
         own = args[0]
@@ -70,6 +78,29 @@ class CoupledMode(Cocycle):
             return function(t, x, own, *which) if resets else function(t, x, own) + c
 
         return of_both
+
+
+class JumpOrder(NamedTuple):
+    """What decides whether the order matters in which two systems jump."""
+
+    before: Any  # (m,) the output of the coupling
+    after: Any
+    depends: Any  # whether guard or reset depend on the input
+    rates: tuple[Any, Any]  # (m,) of the output, before and after
+
+
+def order_of_jumps(coupling, enters, args, jump: GuardJump, t, x, new, *which) -> JumpOrder:
+    """Of a jump from x to `new`."""
+    before, after = (coupling(t, one, args) for one in (x, new))
+    if enters is None:
+        return JumpOrder(before, after, jnp.asarray(False), (before, before))
+    none = jnp.zeros_like(before)
+    slopes = [
+        jax.jacfwd(lambda c, one=one: one(t, x, enters(args, c), *which))(none) for one in (jump.guard, jump.reset)
+    ]
+    flows = (x, jump.before(t, x, args)), (new, jump.after(t, x, new, args, *which))
+    rates = [jax.jvp(lambda t, x: coupling(t, x, args), (t, one), (jnp.ones_like(t), f))[1] for one, f in flows]
+    return JumpOrder(before, after, jnp.any(jnp.stack([jnp.any(one != 0) for one in slopes])), tuple(rates))
 
 
 def _times(strength, inputs):

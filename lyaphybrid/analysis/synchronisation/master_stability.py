@@ -28,7 +28,7 @@ from ...systems.labels import unlabelled
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
 from .checking import check_jumps, differ
-from .couplings import CoupledMode
+from .couplings import CoupledMode, order_of_jumps
 from .skew_products import GuardJump, frame_of, require_flow_or_map, skew_product, start_of
 
 __all__ = ["MasterStability", "master_stability"]
@@ -194,8 +194,9 @@ def master_stability(
         A `MasterStability` with `.exponents` (m, k), `.stable` (m,), `.critical` and `.plot()`.
 
     Raises:
-        ValueError: on arguments that do not fit; where the order of jumps matters; where `enters` is needed, as for
-            the sliding modes of `lh.filippov`.
+        ValueError: on arguments that do not fit; where the order of jumps matters (under a transformation, as in a
+            sweep, the run of each α ends there as nonfinite instead); where `enters` is needed, as for the sliding
+            modes of `lh.filippov`.
         RunFailedError: where a run failed and `throw`; it carries the result.
 
     Source:
@@ -224,7 +225,8 @@ def master_stability(
         bound = [name for name, one in zip(system.mode_names, system.tangent, strict=True) if one is not None]
         require(not bound, BOUND.format(*bound[:1] or [""]))
     _check_output(coupling, enters, t, x, own)
-    if not traced((x, t, own)):
+    known = not traced((x, t, own))
+    if known:
         check, length = functools.partial(_check_order, coupling, enters, own), float(transient) + float(t1)
         check_jumps(system, x, own, check, length=length, t0=t0, mode=mode, method=method)
     parts = 2 if jnp.iscomplexobj(at) else 1
@@ -233,7 +235,8 @@ def master_stability(
         "t1": t1, "t0": t0, "transient": transient, "mode": mode, "every": every, "blocks": blocks,
         "max_steps": max_steps,
     }  # fmt: skip
-    lane, lifted = _OneStrength(tuple(options.items()), parts), skew_product(unlabelled(system), cocycle, n)
+    lane = _OneStrength(tuple(options.items()), parts)
+    lifted = skew_product(unlabelled(system), cocycle, n, watched=not known)
     shared = lifted, method, start_of(x, cocycle.size), frame_of(n, cocycle.size, k, x.dtype, parts), own
     exponents, stderr, codes = _at_each(lane, shared, at, progress)
     found = MasterStability(at, exponents, stderr, codes, unit_of(system))
@@ -280,20 +283,7 @@ def _check_output(coupling, enters, t, x, args) -> None:
 
 def _check_order(coupling, enters, args, jump: GuardJump, t, x, new, *which) -> None:
     """Raise a ValueError where it matters which of two systems jumps first."""
-    before, after = (np.asarray(coupling(t, one, args)) for one in (x, new))
+    order = order_of_jumps(coupling, enters, args, jump, t, x, new, *which)
+    before, after = np.asarray(order.before), np.asarray(order.after)
     require(not differ(before, after), JUMPS.format(float(t), before, after))
-    if enters is None:
-        return
-    none = jnp.zeros_like(before)
-    slopes = [
-        jax.jacfwd(lambda c, one=one: one(t, x, enters(args, c), *which))(none) for one in (jump.guard, jump.reset)
-    ]
-    if any(np.any(np.asarray(one) != 0) for one in slopes):
-        flows = (x, jump.before(t, x, args)), (new, jump.after(t, x, new, args, *which))
-        rates = [_rate_of(coupling, t, one, f, args) for one, f in flows]
-        require(not differ(*rates), READS.format(float(t), *rates))
-
-
-def _rate_of(coupling, t, x, f, args) -> np.ndarray:
-    """The rate of the coupling's output along a flow."""
-    return np.asarray(jax.jvp(lambda t, x: coupling(t, x, args), (t, x), (jnp.ones_like(t), f))[1])
+    require(not order.depends or not differ(*order.rates), READS.format(float(t), *map(np.asarray, order.rates)))
