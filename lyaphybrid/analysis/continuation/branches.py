@@ -172,8 +172,9 @@ class Continuation(OrbitsAlong):
         ends: why the branch ends at its first and at its last point: "range" (of `over`), "closed" (back at its start),
             "grazing" (an orbit touches a guard, and the branch does not go on), "Hopf" (the orbits of an autonomous
             system have shrunk to an equilibrium), "boundary equilibrium" (to one on a guard, with events until the
-            end), "max_points", "no convergence" (of Newton's method, whatever the step), "interrupted" (by Ctrl-C),
-            "start" (a branch that begins at a `Special`).
+            end), "max_points", "no convergence" (of Newton's method, whatever the step; or fifty steps together get
+            nowhere, as where the period grows without bound), "interrupted" (by Ctrl-C), "start" (a branch that begins
+            at a `Special`).
         largest, smallest: (points, n) extreme values of each component over the orbit.
 
     Example:

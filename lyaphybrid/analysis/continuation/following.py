@@ -4,6 +4,7 @@ E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 
 """
 
 import warnings
+from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -41,6 +42,7 @@ GROWTH = 1.4  # factor of the step length where Newton's method converges quickl
 QUICK_ITERATIONS = 3  # at most so many Newton iterations lengthen the step …
 SLOW_ITERATIONS = 5  # … and at least so many shorten it
 SHORTEST_STEP = 1e-7  # of the largest step
+CRAWLS = 50, 1.0  # so many steps that together are shorter than this many of the largest one end a branch
 NEXT = 1e-12  # step length at which the approach to a change of the events ends
 LEAST_CLEARANCE = 0.005  # of the period: nodes nearer to an event than this are moved
 BEHIND_A_CORNER = 1e-3  # of the largest step: where the branch is looked for behind a corner
@@ -195,8 +197,9 @@ def walked(
         clear: (point) -> the same with nodes that are clear of events.
         passed: told each point, for a report.
     """
+    lately: deque[float] = deque(maxlen=CRAWLS[0])
     try:
-        while (end := reason(length < SHORTEST_STEP * step)) is None:
+        while (end := reason(length < SHORTEST_STEP * step or _crawls(lately, step))) is None:
             last = points[-1]
             after = onward(last, length)
             met = None if after is None else between(last, after, length)
@@ -207,10 +210,16 @@ def walked(
             found += met
             points.append(cleared)
             passed(cleared)
+            lately.append(length)
             length = _next_length(length, after.iterations, step)
     except KeyboardInterrupt:
         return _interrupted(), length
     return end, length
+
+
+def _crawls(lately: deque[float], step: float) -> bool:
+    """Whether the last steps were so short that the branch gets nowhere, as where the period grows without bound."""
+    return len(lately) == lately.maxlen and sum(lately) < CRAWLS[1] * step
 
 
 def _interrupted() -> str:

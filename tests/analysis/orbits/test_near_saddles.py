@@ -3,6 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
+from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
@@ -73,3 +75,24 @@ def test_a_relaxation_oscillation(stiffness):
     found = lh.floquet(lh.Flow(lambda t, x, mu: field(t, x, mu)[:2]), [2.0, 0.0], stiffness)
     run = lh.trajectory(lh.Flow(field), jnp.append(found.x0, 0.0), stiffness, t1=float(found.period))
     np.testing.assert_allclose(found.exponents, [0.0, run.x[-1, 2] / found.period], atol=1e-8, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_branch_on_which_the_period_grows_without_bound_ends():
+    """A wheel without a rim, on slopes that let it just pass the top: in closed form."""
+    alpha, turn = np.pi / 8, np.cos(np.pi / 4)
+
+    def short_of_the_top(slope):
+        energy = 4 * np.sin(slope) * np.sin(alpha) / (1 / turn**2 - 1)  # ω⁺² of the motion that repeats, g = l = 1
+        return energy / 2 - (1 - np.cos(slope - alpha))
+
+    wheel = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], jnp.sin(x[0])]),
+        lh.Transition(
+            lambda t, x, args: args["slope"] + alpha - x[0],
+            lambda t, x, args: jnp.stack([args["slope"] - alpha + 0 * x[0], turn * x[1]]),
+        ),
+    )
+    branch = lh.continuation(wheel, [0.12 - alpha, 0.5], {"slope": 0.12}, over={"slope": (0.02, 0.2)})
+    assert branch.ends == ("no convergence", "range")
+    assert_allclose(np.min(branch.values), scipy.optimize.brentq(short_of_the_top, 0.02, 0.12), rtol=1e-5)
