@@ -4,7 +4,7 @@ Chaos or a cycle?
 
 A particle in a double well, driven, that strikes a wall at x = 1.25. One half of the starts end on a cycle in the left
 well, the others in chaos at the wall. The boundary between the two basins is a fractal: its dimension is measured from
-the shares of boxes that hold starts of both kinds.
+the shares of pairs of starts, at several distances, that are of both kinds.
 """
 
 import jax
