@@ -9,7 +9,7 @@ from .._linalg import frames
 from ..statuses import RUNNING, STATUS
 from . import waiting
 from .orthonormalising import orthonormalise_and_accumulate
-from .states import Compensation, EventLog, LoopState, Settings, StepState, stop
+from .states import Compensation, EventLog, LoopState, Settings, StepState, stop, without_room
 
 __all__ = ["initial_loop_state", "within_mode"]
 
@@ -60,18 +60,19 @@ def initial_loop_state(settings: Settings, t0, x, frame, mode, h, interval) -> L
 
 
 def within_mode(settings: Settings, carry: StepState, t, mode) -> StepState:
-    """Project the frame onto the tangent space of the mode; columns that this makes empty are lost."""
+    """Project the frame onto the tangent space of the mode; columns that this makes empty are lost before the run."""
     project = settings.evolver.onto_mode(mode, t, carry.x)
     if project is None:
         return carry
     carry = carry._replace(frame=each_column(project, carry.frame))
     if settings.qr_schedule.unit == "never":
         return carry
-    kept = carry.growth, carry.order, carry.left
+    kept = carry.growth, carry.order, carry.left, carry.losses
     unwatched = settings._replace(observer=None)
     least = 0.0 if carry.losses is None else frames.LOST
     carry, _ = orthonormalise_and_accumulate(unwatched, carry, t, least, least, project)
-    return carry._replace(growth=kept[0], order=kept[1], left=kept[2])
+    carry = carry._replace(growth=kept[0], order=kept[1], left=kept[2], losses=kept[3])
+    return carry if carry.losses is None else without_room(carry, t)
 
 
 def _empty_log(settings: Settings, t, x) -> EventLog:

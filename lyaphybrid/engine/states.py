@@ -209,18 +209,22 @@ def stretched(carry: StepState):
     return jnp.max(jnp.abs(carry.frame)) > STRETCHED ** share(carry.frame)
 
 
+def without_room(carry: StepState, t) -> StepState:
+    """At the start of a run at t ([m]): columns for which the mode has no room are lost, not among its losses."""
+    lost = ~jnp.any(carry.frame != 0, axis=-2)  # ([m,] k), of one run or of several
+    first = jnp.where(lost, t[..., None], jnp.nan)
+    return carry._replace(first_loss=first.astype(carry.first_loss.dtype))
+
+
 def restart(loop_state: LoopState, observer: Observer | None = None) -> LoopState:
     """Start a new run from the present state: time, jumps and losses are counted from zero.
 
-    As at the start of any run, columns without room in the mode are lost. The status is kept: a run that has ended
-    stays ended.
+    The status is kept: a run that has ended stays ended.
     """
     carry = loop_state.carry._replace(jumps=jnp.zeros_like(loop_state.carry.jumps))
     t = jnp.sum(loop_state.base, axis=-1)
     if carry.losses is not None:
-        lost = ~jnp.any(carry.frame != 0, axis=-2)  # ([m,] k), of one run or of several
-        first = jnp.where(lost, t[..., None], jnp.nan).astype(carry.first_loss.dtype)
-        carry = carry._replace(losses=lost.astype(carry.losses.dtype), first_loss=first)
+        carry = without_room(carry._replace(losses=jnp.zeros_like(carry.losses)), t)
     if observer is not None:
         carry = carry._replace(observer=observer.init(t, carry.frame))
     nothing = jnp.zeros_like(loop_state.elapsed)

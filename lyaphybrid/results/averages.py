@@ -183,8 +183,11 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
     finite, weights = running[-1], xp.ones_like(length)
     if averaging != "uniform":
         finite, weights = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
-    gone = (losses > 0) | (empty & xp.any(valid))  # empty: lost before growth was counted and never replaced
-    course = xp.where((xp.cumsum(counts, axis=0) > 0) | empty[None, :], -xp.inf, running)
+    first = _first_losses(xp, records, losses)
+    # Lost before growth was counted: never replaced, or, where the mode of the start had no room for it, later.
+    before = empty | (xp.isfinite(first) & (losses == 0))
+    gone = (losses > 0) | (before & xp.any(valid))
+    course = xp.where((xp.cumsum(counts, axis=0) > 0) | before[None, :], -xp.inf, running)
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     whole = _or_nan(xp, reading[-1] if averaging == "uniform" else xp.sum(weights * length))
     stderr = standard_error(xp, weights[:, None] * growth, weights * length, finite, count, whole)
@@ -198,7 +201,7 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
         "upper": xp.max(xp.where(late[:, None], course, -xp.inf), axis=0),
         "lower": xp.min(xp.where(late[:, None], course, xp.inf), axis=0),
         "losses": losses,
-        "first": _first_losses(xp, records, losses),
+        "first": first,
         "time": time[-1],
         "jumps": jumped[-1],
         "history_time": xp.where(valid, reading, xp.nan),

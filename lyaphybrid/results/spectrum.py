@@ -146,8 +146,8 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         time, jumps: length of the run after the transient (of several runs, the mean).
         upper, lower: (k,) bounds of the running exponents over the second half.
         losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), losses per unit of the clock, and
-            the time of the first loss (nan: never). Where growth begins to count in a mode of fewer dimensions, what
-            has no room there is lost.
+            the time of the first loss (nan: never). What the mode in which growth begins to count has no room for is
+            lost then, too, but not among these.
         finite_exponents: (k,) mean growth without the instants of loss; equal to `exponents` where nothing was lost.
             A lost direction is replaced by one of length 1, the last of the columns: if losses are frequent this, and
             which column has how many of the losses, depends on the coordinates and on k. The -inf do not.

@@ -23,7 +23,7 @@ def test_the_direction_stays_lost_when_the_motion_leaves_the_mode(t1):
     """The spectrum forgot the loss then, and singular values were all zero."""
     spectrum = lh.lyapunov_spectrum(LEAVES, [1.0, 0.0], t1=t1, mode="stuck")
     assert_allclose(spectrum.exponents, EXACT, rtol=1e-12)
-    assert spectrum.losses.tolist() == [0, 1]
+    assert spectrum.losses.tolist() == [0, 0]  # none in the run
     assert_allclose(spectrum.first_loss, [np.nan, 0.0])
     assert "rank_lost" in spectrum.notes
     assert_allclose(lh.svd_spectrum(LEAVES, [1.0, 0.0], t1=t1, mode="stuck").exponents, EXACT, rtol=1e-12)
@@ -45,7 +45,14 @@ def test_several_runs_with_a_transient():
     starts = [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]
     found = lh.lyapunov_spectrum(LEAVES, starts, transient=0.25, t1=4.0, mode="stuck")
     assert_allclose(found.replicates, [EXACT] * 3, rtol=1e-12)
-    assert found.losses.tolist() == [0, 3]
+    assert found.losses.tolist() == [0, 0]
     found = lh.lyapunov_spectrum(LEAVES, starts, transient=0.75, t1=4.0, mode="stuck")  # free by then
     assert found.losses.tolist() == [0, 0]
     assert_allclose(found.exponents, [0.3, -0.1], rtol=1e-9)
+
+
+def test_windows_that_begin_after_the_start_know_the_new_direction():
+    found = lh.spectral_intervals(LEAVES, [1.0, 0.0], t1=20.0, window=2.0, tau=5.0, mode="stuck")
+    assert_allclose(found.sacker_sell[0], [0.3, 0.3], rtol=1e-9)
+    assert found.sacker_sell[1, 0] == -np.inf
+    assert_allclose(found.sacker_sell[1, 1], -0.1, rtol=1e-6)

@@ -192,8 +192,11 @@ def spectral_intervals(
     )  # fmt: skip
     ends, growth, losses = (np.asarray(a) for a in (s.history.time, s.history.growth, s.history.losses))
     reached, unit = np.isfinite(ends), unit_of(system)
-    # A direction that was lost for good in the transient counts as lost in every window.
-    losses = losses + (np.isneginf(np.asarray(s.exponents)) & ~np.any(losses > 0, axis=0))
+    # A direction that was lost before counts as lost in all windows, or until another one grows in its place.
+    before = np.isneginf(np.asarray(s.exponents)) & ~np.any(losses > 0, axis=0)
+    grows = np.nan_to_num(growth) != 0
+    until = np.where(np.any(grows, axis=0), np.arange(len(grows))[:, None] == np.argmax(grows, axis=0), True)
+    losses = losses + (before & until)
     return _from_growth(
         ends[reached], growth[reached], losses[reached], round(window / step), step, tau, s.status_code, unit
     )
