@@ -120,8 +120,8 @@ def _sweep(options) -> int:
     over = dict(axes)
     if twice := [key for key in over if [name for name, _ in axes].count(key) > 1]:
         raise RefusedError(f"--over names {twice[0]} twice: give one axis for each parameter.")
-    if fixed := [key for key in over if key in {setting.partition("=")[0] for setting in options.set}]:
-        raise RefusedError(f"{fixed[0]} is an axis of the sweep, --over, and cannot have one value by --set as well.")
+    if both := [key for key in over if key in {setting.partition("=")[0] for setting in options.set}]:
+        raise RefusedError(f"{both[0]} is an axis of the sweep, --over, and cannot have one value by --set as well.")
     if options.resume and options.store is None:
         raise RefusedError("--resume goes on with a store: give its folder, --store FOLDER.")
     fixed = {name: value for name, value in problem.parameters.items() if name not in over}

@@ -116,13 +116,13 @@ def _power_of(sizes: np.ndarray, differ: np.ndarray, pairs: np.ndarray) -> tuple
     """
     scale, middle = np.log(sizes), len(sizes) // 2
 
-    def power(shares: np.ndarray) -> float:
-        return float(np.polyfit(scale[-len(shares) :], np.log(shares), 1)[0])
+    def power(shares: np.ndarray, some: slice = slice(None)) -> float:
+        return float(np.polyfit(scale[some], np.log(shares[some]), 1)[0])
 
     shares = differ.sum(axis=1) / pairs.sum()
     (slope, _), covariance = np.polyfit(scale, np.log(shares), 1, cov=True)
     left_out = (differ.sum(axis=1)[:, None] - differ) / (pairs.sum() - pairs)
     without = [power(one) for one in left_out.T if np.all(one > 0)]
     jackknife = (len(without) - 1) * float(np.var(without)) if without else 0.0
-    trend = float(np.polyfit(scale[: middle + 1], np.log(shares[: middle + 1]), 1)[0]) - power(shares[middle:])
+    trend = power(shares, slice(middle + 1)) - power(shares, slice(middle, None))
     return float(slope), float(np.sqrt(jackknife + covariance[0, 0] + trend**2 / 4)), shares
