@@ -1,14 +1,14 @@
 """What can be varied: the numbers in args and the entries of the start, each with its range and what it is called."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from .._arguments import is_number, require
-from ..sweeps.plans import ArgsEntry, places
+from .._entries import ArgsEntry, described, entries, entry_named
 from ..systems.labels import Labels
 
 __all__ = ["Knob", "knobs_of", "replaced"]
@@ -52,18 +52,15 @@ def knobs_of(args: Any, x0: np.ndarray, labels: Labels, over: Any, extent: np.nd
     Raises:
         ValueError: on names that are not there, and ranges that are none.
     """
-    of_args = {name: place for name, place in places(args).items() if _is_real(place.of(args))}
     of_start = {f"x0[{i}]": i for i in range(len(x0))}
-    known = of_args | of_start
     if over is None:
-        scalars = [name for name, place in of_args.items() if place.index is None]
+        scalars = [name for name, entry in entries(args).items() if _is_real(entry.of(args))]
         chosen = dict.fromkeys([*scalars, *of_start][:SLIDERS_SHOWN])
     else:
         chosen = _chosen(over)
     made = []
     for name, asked in chosen.items():
-        require(name in known, f"over names {name!r}, which is none of what can be varied: {', '.join(known)}.")
-        place = known[name]
+        place = of_start[name] if name in of_start else _number_named(args, name, of_start)
         if isinstance(place, int):
             value, label = float(x0[place]), f"start {_with_unit(labels, place)}"
             low, high, logarithmic = value - extent[place], value + extent[place], False
@@ -95,6 +92,14 @@ def replaced(args: Any, x0: np.ndarray, knobs: Sequence[Knob], values: Mapping[s
             leaf[knob.place.index] = value
             leaves[knob.place.leaf] = leaf
     return jax.tree.unflatten(structure, leaves), x0
+
+
+def _number_named(args: Any, name: str, others: Iterable[str]) -> ArgsEntry:
+    entry = entry_named(args, name)
+    if entry is None or not _is_real(entry.of(args)):
+        there = f"{described(args)}, {', '.join(others)}"
+        raise ValueError(f"over names {name!r}, which is none of what can be varied: {there}.")
+    return entry
 
 
 def _is_real(value: Any) -> bool:

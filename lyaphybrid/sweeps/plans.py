@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import require, whole
+from .._entries import ArgsEntry, described, entry_named
 
-__all__ = ["ArgsEntry", "PointRun", "Runnable", "SweepPlan", "places", "plan", "raw"]
+__all__ = ["PointRun", "Runnable", "SweepPlan", "plan", "raw"]
 
 EXTRAS = ("x0", "key")  # arguments of a run besides args that can be swept
 POINT = "point"
@@ -110,40 +111,14 @@ def _axis(path: str, dim: str, values, args) -> Axis:
         )
     several = values.ndim >= 1 and len(values) > 0
     require(several, f"{path}, in over or points, must be an array of at least one value; got {values!r}.")
-    known = places(args)
-    if path in known:
-        wanted = np.shape(known[path].of(args))
+    if entry := entry_named(args, path):
+        wanted = np.shape(entry.of(args))
         inner = values.shape[1:]
         require(inner == wanted, f"{path} has the shape {wanted}: values need (m, *{wanted}); got {values.shape}.")
     else:
-        names = ", ".join(known) or "nothing"
-        there = f"args has {names}; x0 and key are given to a run that takes them"
+        there = f"args has {described(args)}; x0 and key are given to a run that takes them"
         require(path in EXTRAS, f"{path!r} is no entry of args: {there}.")
     return Axis(path, dim, values)
-
-
-class ArgsEntry(NamedTuple):
-    """The place of an entry in args: the index of its leaf, and of a single number in that leaf (None: all of it)."""
-
-    leaf: int
-    index: tuple[int, ...] | None  # pyright: ignore[reportIncompatibleMethodOverride]
-
-    def of(self, args) -> Any:
-        """The value of the entry in args."""
-        leaf = jax.tree.leaves(args)[self.leaf]
-        return leaf if self.index is None else np.asarray(leaf)[self.index]
-
-
-def places(args) -> dict[str, ArgsEntry]:
-    """All entries by name: "rho", "spring.rate", "rates" and "rates[2]"; "args" if args is a number."""
-    found: dict[str, ArgsEntry] = {}
-    for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(args)):
-        if not eqx.is_array_like(leaf):
-            continue
-        name = jax.tree_util.keystr(path, simple=True, separator=".") or "args"
-        found[name] = ArgsEntry(i, None)
-        found |= {f"{name}{list(at)}": ArgsEntry(i, at) for at in np.ndindex(*np.shape(leaf)) if at}
-    return found
 
 
 def _is_key(values) -> bool:
@@ -159,34 +134,18 @@ class PointRun(eqx.Module):
     """The run at one point of a sweep, as a function of args and of the values that vary."""
 
     run: Callable
-    places: tuple[tuple[str, ArgsEntry], ...] = eqx.field(static=True)
+    entries: tuple[tuple[str, ArgsEntry], ...] = eqx.field(static=True)
     keys: tuple[str, ...] = eqx.field(static=True)  # paths of typed PRNG keys
 
     @staticmethod
     def of(run: Callable, plan: SweepPlan, args: Any) -> "PointRun":
         """The lane of a run for the points of a plan."""
-        known = places(args)
-        own = tuple((axis.path, known[axis.path]) for axis in plan.axes if axis.path in known)
+        own = tuple((axis.path, entry) for axis in plan.axes if (entry := entry_named(args, axis.path)))
         return PointRun(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
 
     def __call__(self, args, row: Mapping[str, Any]):
         """The result of the run with the values of `row` in place of those entries of args."""
         row = {path: jax.random.wrap_key_data(value) if path in self.keys else value for path, value in row.items()}
-        leaves, structure = jax.tree.flatten(args)
-        for path, place in self.places:
-            value, leaf = row.pop(path), leaves[place.leaf]
-            value = value if path in self.keys else _in_kind_of(leaf, value)
-            leaves[place.leaf] = value if place.index is None else _with_entry(jnp.asarray(leaf), place.index, value)
-        return self.run(jax.tree.unflatten(structure, leaves), **row)
-
-
-def _in_kind_of(leaf: Any, value: Any):
-    """A value of an axis in the precision of the entry that it replaces; whole entries take values that are not."""
-    kind, value = jnp.result_type(leaf), jnp.asarray(value)
-    fraction = jnp.issubdtype(value.dtype, jnp.inexact) and not jnp.issubdtype(kind, jnp.inexact)
-    return value if kind == jnp.result_type(0) or fraction else value.astype(kind)
-
-
-def _with_entry(array, index, value):
-    """The array with one entry set to a value of `_in_kind_of`: one of integers takes the type of a float."""
-    return (array.astype(value.dtype) if jnp.issubdtype(value.dtype, jnp.inexact) else array).at[index].set(value)
+        for path, entry in self.entries:
+            args = entry.placed(args, row.pop(path))
+        return self.run(args, **row)

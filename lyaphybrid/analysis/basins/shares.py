@@ -11,6 +11,7 @@ import numpy as np
 
 from ... import plots
 from ..._arguments import Key, Progress, Real, require, require_values
+from ..._entries import entry_of
 from ..._keywords import explains_keywords, user_level
 from ..._text import Table, with_error
 from ...engine import preparation
@@ -22,7 +23,6 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..diagrams.diagrams import only_parameter
-from ..diagrams.strobes import path_in, placed
 from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, BasinRun, Basins
 from .keeping import KeptSteps
 from .recognition import Attractor, Metric, arrived, distances
@@ -109,8 +109,8 @@ def basin_shares(
         system: as in `basins`.
         x0: (2, n) corners of the box of starts.
         args: pytree of parameters.
-        over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
-            ``args["a"]["b"]``.
+        over: ``{"beta": values}``, the entry of args to change ("beta", "spring.rate", "rates[2]"; "args" where args
+            is a number), and its values (values,) in order.
         t1: length of each run before samples count.
         starts: number of random starts, the same at each value.
         key: a `jax.random.key`, to draw them.
@@ -152,11 +152,11 @@ def basin_shares(
     """
     require_values("basin_shares", x0, args)
     name, values = only_parameter(over)
-    path, known, found, numbers = path_in(args, name), [], [], []
+    entry, known, found, numbers = entry_of(args, name), [], [], []
     how = {"period": period, "angles": angles, "t0": t0, "mode": mode, "method": method, "max_steps": max_steps}
 
     def run_at(value) -> BasinRun:
-        return BasinRun.of(system, x0, placed(args, path, float(value)), t1, (None, starts, key), **how)
+        return BasinRun.of(system, x0, entry.placed(args, float(value)), t1, (None, starts, key), **how)
 
     report = reporter(progress, len(values), "value")
     with run_at(values[0]).kept(checkpoint, resume) as steps:

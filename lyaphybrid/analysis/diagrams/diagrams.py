@@ -25,6 +25,7 @@ from ..._arguments import (
     require_values,
     whole,
 )
+from ..._entries import entry_of
 from ..._jax.tracing import array
 from ..._keywords import explains_keywords
 from ..._text import Table
@@ -45,7 +46,7 @@ from ..orbits.sides import BEYOND_GUARD
 from ..spectra import initial_frame
 from . import attractors
 from .sections import with_section
-from .strobes import RunEnd, StrobeResults, StrobeRun, at, path_in, placed, run, schedule
+from .strobes import RunEnd, StrobeResults, StrobeRun, run, schedule
 
 __all__ = ["BifurcationDiagram", "bifurcation_diagram", "only_parameter"]
 
@@ -225,8 +226,8 @@ def bifurcation_diagram(
             begin with the first of them. Where `starts` are given, or nothing is drawn (`directions` without
             "random"): (n,), where the continuations begin.
         args: pytree of parameters.
-        over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
-            ``args["a"]["b"]`` or ``args.a.b``.
+        over: ``{"beta": values}``, the entry of args to change ("beta", "spring.rate", "rates[2]"; "args" where args
+            is a number), and its values (values,) in order.
         period: of the forcing, a number or ``args -> number``; None for a map (1 iteration).
         section: for a system that is not forced: ``(t, x, args) -> scalar``; points are taken where the flow carries
             it through zero from above, as in `lh.poincare_section`, and lengths are in crossings.
@@ -288,7 +289,7 @@ def bifurcation_diagram(
     _check_parameter(problem, name, values, period, given[0], transient)
     n = problem.shape[0]
     angles = integers("angles, which are components,", angles, 0, n - 1)
-    how = schedule(path_in(problem.args, name), angles, transient, t1, samples)
+    how = schedule(entry_of(problem.args, name), angles, transient, t1, samples)
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
     shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
     follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
@@ -353,11 +354,10 @@ def _starts(x0, starts, values: int, key, draws: bool):
 
 
 def _check_parameter(problem, name, values, period, x, transient) -> None:
-    path = path_in(problem.args, name)
-    leaf = at(problem.args, path)
-    require(np.shape(leaf) == (), f"The parameter {name!r} must be a single number; got shape {np.shape(leaf)}.")
+    shape = np.shape((entry := entry_of(problem.args, name)).of(problem.args))
+    require(shape == (), f"The parameter {name!r} must be a single number, such as {name}[0]; got shape {shape}.")
     for value in () if period is None else values[[0, -1]]:
-        args = placed(problem.args, path, value)
+        args = entry.placed(problem.args, value)
         own = period(args) if callable(period) else period
         positive("period", own)
         check_period(problem.system, own, x, args, transient * own, where=f" at {name} = {value:.6g}", strobe=True)

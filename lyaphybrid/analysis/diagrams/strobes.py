@@ -1,13 +1,12 @@
 """One lane of a bifurcation diagram: a run at one value of the parameter, with one point for each period."""
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._entries import ArgsEntry
 from ...engine import beginning, binding, loop, problems
 from ...engine.host.driver import FOREVER
 from ...engine.states import BlockRecord
@@ -17,7 +16,7 @@ from ...systems.hybrid import Hybrid
 from . import attractors
 from .moved import moved_over
 
-__all__ = ["StrobeResults", "StrobeSettings", "StrobeRun", "RunEnd", "at", "placed", "run", "schedule"]
+__all__ = ["StrobeResults", "StrobeSettings", "StrobeRun", "RunEnd", "run", "schedule"]
 
 BATCHES = 32  # batches of a run, from which its standard errors come
 MOST_BLOCKS = 4096  # about the largest number of blocks of a run; longer runs have several periods in a block
@@ -43,7 +42,7 @@ class RunEnd(NamedTuple):
 class StrobeSettings(NamedTuple):
     """The static settings of a lane."""
 
-    path: tuple[str, ...]
+    entry: ArgsEntry
     angles: tuple[int, ...]
     transient: int  # periods
     ends: tuple[int, ...]  # ends of the blocks, in periods
@@ -65,41 +64,14 @@ class StrobeResults(NamedTuple):
     beyond: Any  # whether it was beyond a guard all along
 
 
-def at(tree, path):
-    """The parameter of that name, ("a", "b") for a["b"] or a.b, ("a", "0") for a[0]; all of args by ()."""
-    for word in path:
-        if isinstance(tree, list | tuple) and not hasattr(tree, word):
-            tree = tree[int(word)]
-        else:
-            tree = tree[word] if isinstance(tree, Mapping) else getattr(tree, word)
-    return tree
-
-
-def path_in(args, name: str) -> tuple[str, ...]:
-    """The path of the parameter of that name, "a.b", or "args" where they are one number; a ValueError without one."""
-    if name == "args" and eqx.is_array_like(args):
-        return ()
-    path = tuple(name.split("."))
-    try:
-        at(args, path)
-    except (KeyError, AttributeError, TypeError, ValueError, IndexError):
-        raise ValueError(f"args has no parameter {name!r}; args: {args!r}.") from None
-    return path
-
-
-def placed(args, path, value):
-    """The parameters with another value of one of them."""
-    return eqx.tree_at(lambda tree: at(tree, path), args, value) if path else value
-
-
-def schedule(path: tuple[str, ...], angles, transient: int, t1: int, samples: int) -> StrobeSettings:
+def schedule(entry: ArgsEntry, angles, transient: int, t1: int, samples: int) -> StrobeSettings:
     """The settings; blocks are one period long unless there are too many, and always for the kept points."""
     longest = -(-(transient + t1) // MOST_BLOCKS)
     quiet = _divided(0, transient, longest)
     loud = _divided(transient, transient + t1 - samples, longest)
     last = transient + t1 - samples + np.arange(1, samples + 1)
     ends = np.concatenate([quiet, loud, last])
-    return StrobeSettings(path, angles, transient, tuple(ends.tolist()), samples)
+    return StrobeSettings(entry, angles, transient, tuple(ends.tolist()), samples)
 
 
 def _divided(first: int, last: int, longest: int) -> np.ndarray:
@@ -111,7 +83,7 @@ def _divided(first: int, last: int, longest: int) -> np.ndarray:
 def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
     """One run, from its own start or from the end of the run before, unless a surface has moved over that."""
     problem, plan, how, period, t0, frame, interval, mode, limit = shared
-    before, args = (placed(problem.args, how.path, value) for value in (state.value, lane.value))
+    before, args = (how.entry.placed(problem.args, value) for value in (state.value, lane.value))
     problem = problem._replace(args=args)
     carries_on = lane.follows & state.good & ~moved_over(problem.system, t0, state.x, state.mode, before, args)
     x = jnp.where(carries_on, state.x, lane.x)

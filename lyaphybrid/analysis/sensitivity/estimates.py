@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from ..._arguments import numbers, parameters, require
+from ..._entries import name_of
 from ..._jax.precision import require_double
 from ..._jax.tracing import as_arrays, as_jax, numpy_for
 from ...engine.blocks import is_zero
@@ -116,7 +117,7 @@ def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple
     """The free leaves of args: their values (p,), args as a function of them, their names."""
     args = jax.tree.map(functools.partial(parameters, "args"), args)
     args = as_jax(jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, float) else leaf, args))
-    named = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
+    named = {name_of(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
     known = [name for name, leaf in named.items() if eqx.is_inexact_array_like(leaf)]
     require(bool(known), f"args has no floating-point number to differentiate by, got {args!r}: write 1.0 for 1.")
     wanted = known if free is None else list(free)
@@ -125,7 +126,7 @@ def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple
     wholes = {name: name.partition("[")[0] for name in wrong}
     hints += [f" {name} is one entry: name {one}, all of it." for name, one in wholes.items() if one in known]
     require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.{''.join(hints)}")
-    parts, fixed = eqx.partition(args, jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in wanted, args))
+    parts, fixed = eqx.partition(args, jax.tree_util.tree_map_with_path(lambda path, _: name_of(path) in wanted, args))
     leaves, structure = jax.tree.flatten(parts)
     theta = np.concatenate([np.ravel(leaf) for leaf in leaves])
     return theta, ArgsOf(structure, tuple(map(np.shape, leaves)), fixed), _names(parts)
@@ -162,14 +163,10 @@ class FixedStart(eqx.Module):
         return self.x0
 
 
-def _name(path) -> str:
-    return jax.tree_util.keystr(path, simple=True, separator=".") or "args"
-
-
 def _names(free) -> tuple[str, ...]:
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(free):
-        name, shape = _name(path), np.shape(leaf)
+        name, shape = name_of(path), np.shape(leaf)
         names += [name + (str(list(index)) if shape else "") for index in np.ndindex(*shape)]
     return tuple(names)
 

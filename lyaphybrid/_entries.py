@@ -1,0 +1,88 @@
+"""The numbers in args by name: "rho", "spring.rate", "rates" and "rates[2]", "0" of a list; "args" where it is one."""
+
+import operator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+__all__ = ["ArgsEntry", "described", "entries", "entry_named", "entry_of", "name_of"]
+
+
+class ArgsEntry(NamedTuple):
+    """The place of an entry in args: the number of its leaf, and the index of one number in that (None: all of it)."""
+
+    leaf: int
+    index: tuple[int, ...] | None  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    def of(self, args) -> Any:
+        """The value of the entry."""
+        leaf = jax.tree.leaves(args)[self.leaf]
+        return leaf if self.index is None else np.asarray(leaf)[self.index]
+
+    def placed(self, args, value) -> Any:
+        """The args with another value of the entry; PRNG keys stay as they are given."""
+        leaves, structure = jax.tree.flatten(args)
+        leaf = leaves[self.leaf]
+        is_key = isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
+        value = value if is_key else _in_kind_of(leaf, value)
+        leaves[self.leaf] = value if self.index is None else _with_number(jnp.asarray(leaf), self.index, value)
+        return jax.tree.unflatten(structure, leaves)
+
+
+def entries(args) -> dict[str, ArgsEntry]:
+    """The whole entries by name: numbers and arrays."""
+    paths = jax.tree_util.tree_leaves_with_path(args)
+    return {name_of(path): ArgsEntry(i, None) for i, (path, leaf) in enumerate(paths) if eqx.is_array_like(leaf)}
+
+
+def entry_named(args, name: str) -> ArgsEntry | None:
+    """The entry of that name, whole or a single number of an array; None if there is none."""
+    known, (whole, bracket, index) = entries(args), name.partition("[")
+    if name in known or not bracket or whole not in known:
+        return known.get(name)
+    shape = np.shape(known[whole].of(args))
+    numbers = index.removesuffix("]").split(",")
+    fits = name.endswith("]") and len(numbers) == len(shape) and all(number.strip().isdecimal() for number in numbers)
+    place = tuple(map(int, numbers)) if fits else ()
+    return ArgsEntry(known[whole].leaf, place) if place and all(map(operator.lt, place, shape)) else None
+
+
+def entry_of(args, name: str) -> ArgsEntry:
+    """The entry of that name; a ValueError names those that there are."""
+    entry = entry_named(args, name)
+    if entry is None:
+        raise ValueError(f"{name!r} is no entry of args: args has {described(args)}.")
+    return entry
+
+
+def described(args) -> str:
+    """The names of the entries, for messages: arrays with their first and last number."""
+    shapes = {name: np.shape(entry.of(args)) for name, entry in entries(args).items()}
+    return ", ".join(name + _ends(name, shape) for name, shape in shapes.items()) or "nothing"
+
+
+def _ends(name: str, shape: tuple[int, ...]) -> str:
+    if 0 in shape or not shape:
+        return ""
+    first, last = [0] * len(shape), [length - 1 for length in shape]
+    return f" ({name}{first} … {name}{last})"
+
+
+def name_of(path) -> str:
+    """The name of a leaf whose path JAX gives."""
+    return jax.tree_util.keystr(path, simple=True, separator=".") or "args"
+
+
+def _in_kind_of(leaf: Any, value: Any):
+    """A value in the precision of the entry that it replaces; whole entries take values that are not."""
+    kind, value = jnp.result_type(leaf), jnp.asarray(value)
+    fraction = jnp.issubdtype(value.dtype, jnp.inexact) and not jnp.issubdtype(kind, jnp.inexact)
+    return value if kind == jnp.result_type(0) or fraction else value.astype(kind)
+
+
+def _with_number(array, index, value):
+    """The array with one number set to a value of `_in_kind_of`: one of integers takes the type of a float."""
+    return (array.astype(value.dtype) if jnp.issubdtype(value.dtype, jnp.inexact) else array).at[index].set(value)
