@@ -36,7 +36,8 @@ class STATUS(enum.IntEnum):
         "neither flow nor jump is possible: (a) at the start or after a reset the state rests on a guard and is "
         "pushed through it, as a body that lies on a floor: a contact that lasts needs a mode of its own; (b) every "
         "`when` of the transitions that share the guard said no; (c) repelling sliding, or a two-fold: "
-        "lh.solutions follows each way on; (d) a target is no mode's index",
+        "lh.solutions follows each way on; (d) a target is no mode's index; (e) a slide of lh.filippov meets another "
+        "surface: it needs modes of your own, in an lh.Hybrid",
     )
     nonfinite = (
         5,

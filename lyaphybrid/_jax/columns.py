@@ -16,7 +16,7 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr, Literal
 from jaxtyping import Array, Float
 
-from .jaxprs import applied, evaluated, is_call
+from .jaxprs import applied, evaluated, is_call, results_of
 
 __all__ = ["each_column", "linear_at"]
 
@@ -62,18 +62,22 @@ def _through(closed: ClosedJaxpr, inputs: list, k: int) -> list:
 def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int, read: tuple[bool, ...]) -> list:
     if not any(isinstance(operand, Columns) for operand in operands):
         return applied(closed, eqn, operands)
-    name = eqn.primitive.name
     if is_call(eqn):
         return _through_call(eqn.params["jaxpr"], operands, k, read)
-    if name == "cond" and not isinstance(operands[0], Columns):
+    name, differ = eqn.primitive.name, [isinstance(operand, Columns) for operand in operands]
+    if name == "cond" and not differ[0]:
         return _through_branches(eqn, operands, k)
-    others = any(isinstance(one, Columns) for one in operands[1:])
-    rule = MIXED.get(name) or (None if others else OF_FIRST.get(name))
+    rule = (MIXED.get(name) if LINEAR_IN.get(name, any)(differ) else None) or (
+        None if any(differ[1:]) else OF_FIRST.get(name)
+    )
     if rule:
         return [Columns(rule(eqn.params, k, *operands))]
     arrays = [one.array if isinstance(one, Columns) else one for one in operands]
-    axes = [-1 if isinstance(one, Columns) else None for one in operands]
-    return [Columns(one) for one in jax.vmap(lambda *each: applied(closed, eqn, each), axes, -1)(*arrays)]
+    axes = [-1 if one else None for one in differ]
+    found = jax.vmap(lambda *each: applied(closed, eqn, each), axes, -1)(*arrays)
+    return [
+        Columns(one) if depends else one[..., 0] for one, depends in zip(found, results_of(eqn, differ), strict=True)
+    ]
 
 
 def _through_call(closed: ClosedJaxpr, operands: list, k: int, read: tuple[bool, ...]) -> list:
@@ -109,11 +113,17 @@ def _of_columns(closed: ClosedJaxpr, differ: tuple[bool, ...], k: int, read: tup
 def _through_branches(eqn, operands, k) -> list:
     """A conditional whose index is the same for all columns."""
     index, *operands = operands
+    differing = results_of(eqn, [False, *(isinstance(one, Columns) for one in operands)])
 
     def through(branch):
-        return lambda operands: [Columns(one) for one in _spread(_through(branch, operands, k), k)]
+        def results(operands):
+            found = zip(_through(branch, operands, k), differing, strict=True)
+            return [_spread([one], k)[0] if differs else one for one, differs in found]
 
-    return lax.switch(index, [through(branch) for branch in eqn.params["branches"]], operands)
+        return results
+
+    found = lax.switch(index, [through(branch) for branch in eqn.params["branches"]], operands)
+    return [Columns(one) if differs else one for one, differs in zip(found, differing, strict=True)]
 
 
 def _spread(values, k: int = 1) -> list:
@@ -139,11 +149,16 @@ def _dot(params, k, left, right):
 
 def _updated(k, x, new, starts):
     array, new = _spread((x, new), k)
-    return lax.dynamic_update_slice(array, new, _corner(starts))
+    return lax.dynamic_update_slice_p.bind(
+        array, new, *_corner(starts)
+    )  # the function counts negative ones from the end
 
 
 def _corner(starts):
-    """The start indices of a slice, with 0 for the axis of the columns."""
+    """The start indices of a slice, with 0 for the axis of the columns.
+
+    They are for the primitives; the functions of the same names would count negative ones from the end once more.
+    """
     return (*starts, jnp.zeros_like(starts[0]))
 
 
@@ -164,16 +179,25 @@ MIXED: dict[str, Callable] = {  # any operand may be `Columns`
     "stack": lambda p, k, *parts: jnp.stack(_spread(parts, k), p["axis"]),
     "sub": _entrywise(lax.sub),
 }
+# Of those whose operands may not all be `Columns`: whether they are as the rule takes them.
+LINEAR_IN: dict[str, Callable] = {
+    "dot_general": lambda differ: not all(differ),
+    "dynamic_update_slice": lambda differ: any(differ[:2]) and len(differ) > 2 and not any(differ[2:]),
+}
 OF_FIRST: dict[str, Callable] = {  # only the first operand is `Columns`
     "broadcast_in_dim": lambda p, k, x: lax.broadcast_in_dim(
         x.array, (*p["shape"], k), (*p["broadcast_dimensions"], len(p["shape"]))
     ),
     "convert_element_type": lambda p, k, x: lax.convert_element_type(x.array, p["new_dtype"]),
-    "dynamic_slice": lambda p, k, x, *starts: lax.dynamic_slice(x.array, _corner(starts), (*p["slice_sizes"], k)),
+    "dynamic_slice": lambda p, k, x, *starts: lax.dynamic_slice_p.bind(
+        x.array, *_corner(starts), slice_sizes=(*p["slice_sizes"], k)
+    ),
     "neg": lambda p, k, x: lax.neg(x.array),
     "pad": lambda p, k, x, value: lax.pad(x.array, value, (*p["padding_config"], (0, 0, 0))),
     "reduce_sum": lambda p, k, x: jnp.sum(x.array, axis=p["axes"]),
-    "reshape": lambda p, k, x: lax.reshape(x.array, (*p["new_sizes"], k)),
+    "reshape": lambda p, k, x: lax.reshape(
+        x.array, (*p["new_sizes"], k), p["dimensions"] and (*p["dimensions"], len(p["dimensions"]))
+    ),
     "slice": lambda p, k, x: lax.slice(
         x.array, (*p["start_indices"], 0), (*p["limit_indices"], k), p["strides"] and (*p["strides"], 1)
     ),

@@ -1,6 +1,6 @@
 """Analysis and splitting of jaxprs: some of the equations of a user's function as a function of their own."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -15,6 +15,7 @@ __all__ = [
     "applied",
     "by_component",
     "constant",
+    "depending",
     "divided",
     "evaluated",
     "explicit",
@@ -26,6 +27,7 @@ __all__ = [
     "needed",
     "part_of",
     "partially_evaluated",
+    "results_of",
     "written_out",
 ]
 
@@ -103,6 +105,45 @@ def _read(eqn, wanted: set) -> list:
     results = [own for outer, own in zip(eqn.outvars, inner.jaxpr.outvars, strict=True) if outer in wanted]
     within = needed(inner, results)
     return [outer for outer, own in zip(eqn.invars, inner.jaxpr.invars, strict=True) if own in within]
+
+
+def depending(closed: ClosedJaxpr, inputs: Sequence[bool]) -> tuple[bool, ...]:
+    """Which outputs depend on the inputs that are marked; looks inside calls, branches and loops."""
+    found = {variable for variable, marked in zip(closed.jaxpr.invars, inputs, strict=True) if marked}
+    for eqn in closed.jaxpr.eqns:
+        marked = [not isinstance(atom, Literal) and atom in found for atom in eqn.invars]
+        found.update(variable for variable, one in zip(eqn.outvars, results_of(eqn, marked), strict=True) if one)
+    return tuple(not isinstance(atom, Literal) and atom in found for atom in closed.jaxpr.outvars)
+
+
+def results_of(eqn, marked: list[bool]) -> Sequence[bool]:
+    """Which results of an equation depend on the operands that are marked."""
+    params, everything = eqn.params, [any(marked)] * len(eqn.outvars)
+    if not any(marked):
+        return everything
+    if is_call(eqn):
+        return depending(params["jaxpr"], marked)
+    if eqn.primitive.name == "cond" and not marked[0]:
+        return [any(each) for each in zip(*(depending(one, marked[1:]) for one in params["branches"]), strict=True)]
+    if eqn.primitive.name == "scan":
+        fixed, carried = params["num_consts"], params["num_carry"]
+        return _of_loop(params["jaxpr"], marked[:fixed], marked[fixed : fixed + carried], marked[fixed + carried :])
+    if eqn.primitive.name == "while":
+        first, fixed = params["cond_nconsts"], params["body_nconsts"]
+        carried = _of_loop(params["body_jaxpr"], marked[first : first + fixed], marked[first + fixed :], ())
+        (ends,) = depending(params["cond_jaxpr"], [*marked[:first], *carried])
+        return everything if ends else carried
+    return everything
+
+
+def _of_loop(body: ClosedJaxpr, fixed: Sequence[bool], carried: Sequence[bool], each: Sequence[bool]) -> list[bool]:
+    """Which results of a loop depend on what is marked: what is carried may come to do so after some turns."""
+    while True:
+        found = depending(body, [*fixed, *carried, *each])
+        after = [before or now for before, now in zip(carried, found[: len(carried)], strict=True)]
+        if after == list(carried):
+            return [*after, *found[len(carried) :]]
+        carried = after
 
 
 def written_out(function: Callable, *example) -> ClosedJaxpr:

@@ -6,7 +6,7 @@ A dx entry by entry, and zero entries of A contribute nothing (N. J. Higham, Acc
 Algorithms, 2nd ed. (SIAM 2002), section 3.1, doi:10.1137/1.9780898718027).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -15,7 +15,7 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr
 from jaxtyping import Array
 
-from .jaxprs import MOVING, applied, evaluated
+from .jaxprs import MOVING, applied, evaluated, results_of
 
 __all__ = ["UNKNOWN_MAGNITUDE", "absolute"]
 
@@ -55,14 +55,42 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list) -> list:
     name, first = eqn.primitive.name, operands[0]
     if name in ("jit", "pjit"):
         return _through(eqn.params["jaxpr"], operands)
-    if name == "cond" and not isinstance(first, Size):
-        branches = [lambda rest, one=one: list(map(_magnitude, _through(one, rest))) for one in eqn.params["branches"]]
-        return list(map(Size, lax.switch(first, branches, operands[1:])))
     if name in ENTRYWISE_MAGNITUDES and (name != "div" or not isinstance(operands[1], Size)):
         return [Size(ENTRYWISE_MAGNITUDES[name](*jnp.broadcast_arrays(*map(_magnitude, operands))))]
-    if name in APPLIED_UNCHANGED and (name != "select_n" or not isinstance(first, Size)):
+    if name in APPLIED_UNCHANGED and not any(_is_index(one) for one in operands):
         return list(map(Size, applied(closed, eqn, list(map(_magnitude, operands)))))
-    return [Size(jnp.full(out.aval.shape, _unknown(out.aval.dtype), out.aval.dtype)) for out in eqn.outvars]
+    differing = results_of(eqn, [isinstance(one, Size) for one in operands])
+    if name == "cond" and not isinstance(first, Size):
+        return _through_branches(eqn, operands, differing)
+    # Results that do not depend on dx are what they are at any dx.
+    at_any = applied(closed, eqn, list(map(_array, operands))) if not all(differing) else [None] * len(differing)
+    return [
+        Size(jnp.full(out.aval.shape, _unknown(out.aval.dtype), out.aval.dtype)) if differs else one
+        for out, one, differs in zip(eqn.outvars, at_any, differing, strict=True)
+    ]
+
+
+def _through_branches(eqn, operands: list, differing: Sequence[bool]) -> list:
+    """A conditional whose index does not depend on dx."""
+
+    def through(branch):
+        def results(operands):
+            found = zip(_through(branch, operands), differing, strict=True)
+            return [_magnitude(one) if differs else _array(one) for one, differs in found]
+
+        return results
+
+    found = lax.switch(operands[0], list(map(through, eqn.params["branches"])), operands[1:])
+    return [Size(one) if differs else one for one, differs in zip(found, differing, strict=True)]
+
+
+def _array(value):
+    return value.array if isinstance(value, Size) else value
+
+
+def _is_index(value) -> bool:
+    """Whether it depends on dx and is an index or a condition: of entries that it chooses nothing is known."""
+    return isinstance(value, Size) and not jnp.issubdtype(value.array.dtype, jnp.floating)
 
 
 def _unknown(dtype) -> float:

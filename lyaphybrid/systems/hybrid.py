@@ -231,7 +231,7 @@ class Hybrid(eqx.Module):
         """The transitions, and one for the boundary of each flow set, whose `when` is never true: ``deadlock``."""
         sets = zip(self.mode_names, self.flow_sets, strict=True)
         return self.transitions + tuple(
-            Transition(inside, when=_never, source=name) for name, inside in sets if inside is not None
+            Transition(inside, when=never, source=name) for name, inside in sets if inside is not None
         )
 
     def contains(self, x: Any, args: Any = None, *, t: Any = 0.0, mode: str | int | None = None) -> Membership:
@@ -275,7 +275,7 @@ def _listed(transitions: Any) -> tuple[Transition, ...]:
     return tuple(given)
 
 
-def _never(t, x, args):
+def never(t, x, args):
     """The `when` of a transition that never fires."""
     del t, x, args
     return False

@@ -122,6 +122,18 @@ def test_bodies_in_rows_with_a_schedule():
 
 
 @pytest.mark.slow
+def test_arrays_of_numpy_in_args_that_a_reset_indexes_by_the_event():
+    """Two balls, and a reset that looks up the ball's own coefficient of restitution."""
+
+    def hit(t, x, args, which):
+        return x.at[2 + which].multiply(-args["r"][which])
+
+    balls = lh.Hybrid(
+        lambda t, x, args: jnp.concatenate([x[2:], -jnp.ones(2)]), lh.Transition(lambda t, x, args: x[:2], hit)
+    )
+    assert lh.check(balls, [1.0, 2.0, 0.0, 0.0], {"r": np.array([0.9, 0.8])}, t1=5.0).ok
+
+
 def test_a_timer_that_runs_out_is_no_wall():
     """The second guard is passed each time that the timer runs out, and only sets the flag: a note, nothing wrong."""
 

@@ -41,7 +41,8 @@ def wrong_results(program, operands, ways=WAYS) -> list[str]:
     return wrong(_by_xla(program, operands)) and wrong(jax.core.eval_jaxpr(program.jaxpr, program.consts, *operands))
 
 
-def _of_seed(seed: int):
+def of_seed(seed: int):
+    """The program of a seed, and its operands."""
     return random_program(functools.partial(random.Random(seed).randrange))
 
 
@@ -52,7 +53,7 @@ def main(count: int, first: int = 0) -> int:
     clock, different = time.time(), 0
     for seed in range(first, first + count):
         try:
-            program, operands = _of_seed(seed)
+            program, operands = of_seed(seed)
             wrong = wrong_results(program, operands, [WAYS[seed % len(WAYS)], WAYS[(seed + 2) % len(WAYS)]])
         except Exception as error:
             wrong = [f"{type(error).__name__}: {error}"[:300]]

@@ -51,6 +51,22 @@ def test_modes_of_one_surface_and_of_several():
     assert [tr.source for tr in several.transitions[:2]] == [("region0",), ("region1",)]
 
 
+def test_a_slide_that_meets_another_surface_ends():
+    """x' = −sgn x, y' = −sgn y from (0.5, 1.2): on x = 0 from t = 0.5, at the origin, where both slide, at t = 1.2."""
+
+    def quadrant(sx, sy):
+        return lambda t, x, args: jnp.stack([-sx + 0.0 * x[0], -sy + 0.0 * x[1]])
+
+    right, left, below, opposite = quadrant(1, 1), quadrant(-1, 1), quadrant(1, -1), quadrant(-1, -1)
+    x, y = (lambda t, x, a: x[0]), (lambda t, x, a: x[1])
+    crossing = lh.filippov([right, below, right, left], [left, opposite, below, opposite], [x, x, y, y])
+    run = lh.trajectory(crossing, [0.5, 1.2], t1=5.0, throw=False)
+    assert run.status == lh.STATUS.deadlock
+    ends = lh.lyapunov_spectrum(crossing, [0.5, 1.2], t1=5.0, throw=False)
+    assert abs(float(ends.t) - 1.2) < 1e-9
+    assert float(np.max(np.abs(ends.x))) < 1e-9
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

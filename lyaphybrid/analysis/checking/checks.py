@@ -11,6 +11,7 @@ import numpy as np
 from ..._arguments import Real, State, positive, require
 from ..._jax.engines import for_once
 from ..._jax.precision import CURE, is_short
+from ..._jax.tracing import as_jax
 from ...engine import preparation
 from ...engine.binding import evolver_of
 from ...engine.evolvers.stepping import Stepping, are_timeless
@@ -100,6 +101,7 @@ def check(
             return Report([wrong("functions", str(error))])
         found = _of_precision(start)
         state = start.reshape(problem.shape)
+        problem = problem._replace(args=as_jax(problem.args))  # as in a run: the user may index them by a state
         own = functions.functions_of(system, problem.args, begin, state)
         found += functions.check_purity(own, begin, state)
         if any(one.verdict == "wrong" for one in found):  # nothing else would mean anything

@@ -16,7 +16,7 @@ A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (Kluwe
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..hybrid import Hybrid, Transition
+from ..hybrid import Hybrid, Transition, never
 from ..smooth import Flow
 from .surfaces import (
     InitialMode,
@@ -68,7 +68,8 @@ def filippov(
     For several surfaces that do not intersect, give sequences with one entry per surface: `surface`, `plus`, `minus`,
     and `sliding` and `stick` where they are wanted (an entry may be None). Fields that are the same function belong to
     the same region. The modes are then "region0", "region1", … in the order in which the fields first occur (plus[0],
-    minus[0], plus[1], …) and "sliding0", "sliding1", … by surface.
+    minus[0], plus[1], …) and "sliding0", "sliding1", … by surface. A slide that meets another surface of its regions
+    all the same ends as ``deadlock``.
 
     Returns:
         An `lh.Hybrid`. Without `mode` a run starts in the mode to which its start belongs: by the sign of the surface,
@@ -114,6 +115,7 @@ def filippov(
     transitions = []
     for i, (side, (above, below)) in enumerate(zip(sides, where, strict=True)):
         transitions += _transitions(side, modes, above, below, len(regions) + i)
+    transitions += _crossings(sides, where, modes, len(regions))
     slides = modes[len(regions) :]
     return Hybrid(
         dict(zip(modes, [*regions, *(SlidingField(side) for side in sides)], strict=True)),
@@ -165,3 +167,14 @@ def _transitions(side: TwoSidedSurface, modes: list[str], above: int, below: int
             SlidingMargins(side), onto, source=modes[slides], target=ModeAfterSliding(side, above, below), when=leave
         ),
     ]
+
+
+def _crossings(sides: list[TwoSidedSurface], where: list[tuple[int, int]], modes: list[str], regions: int) -> list:
+    """Where the slide along a surface leaves one of its two regions through another surface: no mode goes on there."""
+    found = []
+    for i, own in enumerate(where):
+        for j, other in enumerate(where):
+            signs = [sign for region, sign in zip(other, (-1, 1), strict=True) if region in own and i != j]
+            source = modes[regions + i]
+            found += [Transition(sides[j].surface, when=never, source=source, direction=sign) for sign in signs]
+    return found

@@ -60,8 +60,10 @@ def _beyond(call: Call, found: Beyond) -> str:
     """Of an entry that is not there."""
     place = place_of_equation(found.eqn)
     where = f" {place}" if place else ""
+    scatters = found.eqn.primitive.name.startswith("scatter")
+    does, instead = ("sets", "change nothing") if scatters else ("takes", "take another entry")
     index = found.entry - found.shape[found.axis] * (found.entry < 0)  # as it was written
     return (
-        f"The {call.name} takes entry {index}{where} along axis {found.axis} of an array of shape {found.shape}, whose "
-        f"entries are 0 to {found.shape[found.axis] - 1}. JAX would take another entry, without a word. {call}"
+        f"The {call.name} {does} entry {index}{where} along axis {found.axis} of an array of shape {found.shape}, "
+        f"whose entries are 0 to {found.shape[found.axis] - 1}. JAX would {instead}, without a word. {call}"
     )
