@@ -44,7 +44,7 @@ class STATUS(enum.IntEnum):
         "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
         "a root of a negative number near this state; (c) a fixed step dt is too long: halve it; "
         "(d) a parameter is nan; (e) with an lh.Schedule, perturbations meet an event that a jump brought about: give "
-        "next_event instead",
+        "next_event instead; (f) a guard is infinite or nan: give a large number for an event that cannot come",
     )
     inconsistent_start = (
         6,

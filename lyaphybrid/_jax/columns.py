@@ -6,7 +6,7 @@ frame in one vector register. Primitives without a rule below are left to `jax.v
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -72,12 +72,20 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int, read: tu
     )
     if rule:
         return [Columns(rule(eqn.params, k, *operands))]
+    return _by_vmap(closed, eqn, operands, k, results_of(eqn, differ))
+
+
+def _by_vmap(closed: ClosedJaxpr, eqn, operands: list, k: int, differing: Sequence[bool]) -> list:
+    """A primitive without a rule; of results that do not depend on the column one is taken."""
     arrays = [one.array if isinstance(one, Columns) else one for one in operands]
-    axes = [-1 if one else None for one in differ]
+    axes = [-1 if isinstance(one, Columns) else None for one in operands]
+    if not k:  # of one column, to take them from
+        each = zip(arrays, axes, strict=True)
+        arrays = [one if axis is None else jnp.zeros((*one.shape[:-1], 1), one.dtype) for one, axis in each]
     found = jax.vmap(lambda *each: applied(closed, eqn, each), axes, -1)(*arrays)
-    return [
-        Columns(one) if depends else one[..., 0] for one, depends in zip(found, results_of(eqn, differ), strict=True)
-    ]
+    columns = found if k else [one[..., :0] for one in found]
+    each = zip(columns, found, differing, strict=True)
+    return [Columns(column) if differs else one[..., 0] for column, one, differs in each]
 
 
 def _through_call(closed: ClosedJaxpr, operands: list, k: int, read: tuple[bool, ...]) -> list:

@@ -117,6 +117,10 @@ def compiled(
                 if not _is_complete(error):
                     raise
                 kind, message = type(error), str(error)
+            except (KeyError, NotImplementedError, TypeError) as error:
+                if not any(words in str(error) for words in _NO_FORWARD_DERIVATIVE):
+                    raise
+                kind, message = UserFunctionError, _NO_TANGENTS.format(str(error).partition("\n")[0])
             raise kind(message)  # a new one, without the frames and the notes of JAX, which say nothing about it
 
         @debug_switches_off()
@@ -156,6 +160,14 @@ def for_once(function: Callable, *likes: Any) -> Callable[..., list]:
         return program(*operands) if is_native() else list(program.by_xla(*operands))
 
     return call
+
+
+# What JAX says of functions that have none, and what this package says of it.
+_NO_FORWARD_DERIVATIVE = ("custom_vjp function", "custom_lin", "Forward-mode differentiation rule", "JVP rule")
+_NO_TANGENTS = (
+    "A function of the system has no forward derivative, of which the motion of perturbations and the times of events "
+    "are made: give jax.custom_jvp in place of jax.custom_vjp, and write what has no rule in other terms. JAX says: {}"
+)
 
 
 def _is_complete(error: ValueError) -> bool:

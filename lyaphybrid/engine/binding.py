@@ -4,14 +4,17 @@ import dataclasses
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._jax.calls import Calls
+from ..errors import UserFunctionError
 from ..events.compiled_hybrid import CompiledHybrid, bound, projection, wire
 from ..integrators import DiffraxEvents
 from ..systems.bound import Bound
 from ..systems.daes.semi_linear import Constrained
 from ..systems.event_driven import EventDriven
+from ..systems.hybrid import Hybrid
 from ..systems.smooth import Flow, Map
 from ..systems.validation import check_functions
 from .evolvers.exact import Exact
@@ -74,9 +77,20 @@ def settings_of(problem: RunProblem, plan: RunPlan, t, x, reverse: bool = False)
     """Bind a plan to a problem, while tracing."""
     own = plan._asdict()
     del own["batched"]
+    if reverse and isinstance(problem.system, Hybrid):
+        _refuse_typed_keys(problem.args)
     evolver = evolver_of(problem, t, x)
     if plan.count_jumps and isinstance(evolver, Stepping) and evolver.has_events:
         evolver = dataclasses.replace(evolver, per_jump=True, timeless=are_timeless(evolver.hybrid, t, x))
     if plan.count_jumps and isinstance(evolver, Scheduled):
         evolver = dataclasses.replace(evolver, per_jump=True)
     return Settings(evolver, **own, reverse=reverse)
+
+
+def _refuse_typed_keys(args) -> None:
+    """JAX cannot transpose conditionals over them (0.10 and 0.12)."""
+    if any(jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.prng_key) for leaf in jax.tree.leaves(args)):
+        raise UserFunctionError(
+            "args hold a typed key, jax.random.key(…), and JAX takes no reverse derivatives of a run with events over "
+            "one: give jax.random.key_data(key) in args, which jax.random takes as well, or use jax.jacfwd."
+        )

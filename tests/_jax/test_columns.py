@@ -102,6 +102,13 @@ def test_as_column_by_column(name):
         np.testing.assert_allclose(got, wanted, rtol=1e-6 if got.dtype == jnp.float32 else 1e-13, atol=1e-13)
 
 
+@pytest.mark.parametrize("name", LINEAR)
+def test_no_column_at_all(name):
+    found = each_column(LINEAR[name], jnp.zeros((N, 0)))
+    expected = jax.tree.map(lambda leaf: (*leaf.shape, 0), jax.eval_shape(LINEAR[name], jnp.zeros(N)))
+    assert jax.tree.map(lambda leaf: leaf.shape, found) == expected
+
+
 def test_every_rule_is_used_above():
     used = set()
     for function in LINEAR.values():

@@ -128,6 +128,17 @@ class Oscillator:
 
 JNP = "import jax.numpy as jnp"
 MODES = ("jnp.where(condition, one, other)", "lh.Hybrid")
+BACKWARDS_ONLY = jax.custom_vjp(lambda x: x * x)
+BACKWARDS_ONLY.defvjp(lambda x: (x * x, x), lambda x, g: (2 * x * g,))
+
+
+def kicked_by_noise(key, size):
+    """The end of x' = −x with a random kick at t = 1."""
+    kick = lh.Transition(every=1.0, reset=lambda t, x, a: x + a["size"] * jax.random.normal(a["key"], (1,)))
+    system = lh.Hybrid(lambda t, x, a: -x, kick)
+    return lh.trajectory(system, [1.0], {"key": key, "size": size}, t1=1.5, n=1).x[-1, 0]
+
+
 FUNCTIONS = {
     "np.cos": Mistake(flow(lambda t, x, a: jnp.stack([x[1], -np.cos(x[0])])), ("`np.cos(x[0])`", "jnp.cos for", JNP)),
     "np.array": Mistake(flow(lambda t, x, a: np.array([x[1], -x[0]])), ("`np.array([x[1], -x[0]])`", "jnp.array", JNP)),
@@ -379,6 +390,14 @@ ARGUMENTS = {
     "module as parameters": Mistake(
         flow(lambda t, x, network: network(x), equinox.nn.MLP(2, 2, 4, 1, key=jax.random.key(0))),
         ("equinox.partition(module, equinox.is_array)", "equinox.combine(args, rest)"),
+    ),
+    "derivative backwards only": Mistake(
+        functools.partial(lh.lyapunov_spectrum, lh.Flow(lambda t, x, a: BACKWARDS_ONLY(x)), PAIR, t1=1.0),
+        ("no forward derivative", "jax.custom_jvp in place of jax.custom_vjp"),
+    ),
+    "typed key in a gradient": Mistake(
+        functools.partial(jax.grad(lambda s: kicked_by_noise(jax.random.key(0), s)), 1.0),
+        ("a typed key", "jax.random.key_data(key)", "jax.jacfwd"),
     ),
     "orbit under grad": Mistake(
         functools.partial(jax.grad(lambda k: lh.floquet(DAMPED, PAIR, POINT | {"k": k}, period=1.0).exponents[0]), 1.0),

@@ -62,11 +62,14 @@ class Iterating(AbstractEvolver):
         """One iteration of the map and of its tangent."""
         del ahead
         t = clock.base + carry.s
-        x, linear = jax.linearize(lambda x: self.rule(t, x), carry.x)
-        frame = each_column(linear, carry.frame)
+        if carry.frame.shape[1] or carry.log_volume is not None:
+            x, linear = jax.linearize(lambda x: self.rule(t, x), carry.x)
+            frame = each_column(linear, carry.frame)
+        else:  # the motion alone, also of a rule that has no derivative
+            x, frame, linear = self.rule(t, carry.x), carry.frame, None
         since = carry.since + (0.0 if settings.qr_schedule.unit == "never" else 1.0)
         log_volume = None
-        if carry.log_volume is not None:
+        if linear and carry.log_volume is not None:
             log_volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
         carry = added(
             carry._replace(x=x, frame=frame, since=since, jumps=carry.jumps + 1), s=1.0, log_volume=log_volume

@@ -493,7 +493,7 @@ def test_a_terminal_transition_ends_the_points():
         ({"over": {"r": [1.0], "s": [2.0]}}, "one parameter"),
         ({"over": {"r": [[1.0]]}}, "finite numbers"),
         ({"over": {"r": [np.nan]}}, "finite numbers"),
-        ({"over": {"s": [1.0]}}, "no parameter 's'"),
+        ({"over": {"s": [1.0]}}, "'s' is no entry of args: args has r"),
         ({"x0": [0.1]}, "two corners of a box"),
         ({"starts": 0}, "at least 1"),
         ({"starts": [[0.1, 0.2]], "x0": [0.1]}, r"points \(m, n\)"),
