@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from .._jax.jaxprs import explicit
@@ -75,6 +77,11 @@ def root(
         in_left, in_backward, *_ = operands
         x, near = solution(*operands)
         _, off = jax.jvp(lambda numbers: of_left(numbers, x), (in_left,), (changes[0],))
-        return (x, near), (corrected(of_backward(in_backward, x), off), jax.tree.map(jnp.zeros_like, near))
+        return (x, near), (corrected(of_backward(in_backward, x), off), jax.tree.map(_no_change, near))
 
     return solution(in_left, in_backward, guess, tolerance)
+
+
+def _no_change(value):
+    """The zero derivative of a value; integers have one of a type of their own."""
+    return jnp.zeros_like(value) if eqx.is_inexact_array(value) else np.zeros(value.shape, jax.dtypes.float0)

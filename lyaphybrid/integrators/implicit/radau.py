@@ -15,9 +15,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ..._jax.columns import linear_at
-from ..._linalg.linear_systems import inverse, matmul
+from ..._linalg.linear_systems import UNROLLED, FactoredInverse, factored, inverse, matmul
 from ...systems.daes.points import solved
 from ...systems.daes.semi_linear import Constrained, InverseBlocks, parts_of
 from ..base import Field, Step, Tangent
@@ -36,6 +37,39 @@ GAMMA = 1 / REAL_EIGENVALUES[0]
 # Weights of the error estimate at the stages: the quadrature of order 3, with γ at the start, minus that of order 5.
 # They apply to the increments h Σ a_ij w'_j of w from the start to the stages, so that no slopes are needed.
 ERROR_WEIGHTS = np.linalg.solve(A.T, np.linalg.solve(POWERS.T, [-GAMMA, 0.0, 0.0]))
+
+
+class OfStages(eqx.Module):
+    """What a change of the differential parts of all stages (3 d,) does to their points, as a linear function."""
+
+    lifts: Array  # (3, n, d), L_i
+    factors: FactoredInverse  # (3 d, 3 d): s ↦ u
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(3 n, 3 d)."""
+        return self.lifts.shape[0] * self.lifts.shape[1], self.factors.shape[1]
+
+    def __matmul__(self, s):
+        u = (self.factors @ s).reshape(STAGES, self.lifts.shape[2], -1)
+        return jnp.matmul(self.lifts, u).reshape(-1, *s.shape[1:])
+
+
+class OfConstraints(eqx.Module):
+    """What a change of the constraints of all stages (3 (n − d),) does to their points, as a linear function."""
+
+    of_stages: OfStages
+    falls: Array  # (3, n, n − d), K_i
+    mixed: Array  # (3 d, 3 (n − d)): h Σ_j a_ij ∂w'/∂x_j K_j
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(3 n, 3 (n − d))."""
+        return self.of_stages.shape[0], self.mixed.shape[1]
+
+    def __matmul__(self, r):
+        own = jnp.matmul(self.falls, r.reshape(STAGES, self.falls.shape[2], -1)).reshape(-1, *r.shape[1:])
+        return own + self.of_stages @ (self.mixed @ r)
 
 
 class StagesTogether(eqx.Module):
@@ -85,7 +119,15 @@ class StagesTogether(eqx.Module):
         differential_part, constraint, slopes, terms = jax.vmap(of_stage)(t, x.reshape(STAGES, -1))
         mixed = share * jnp.einsum("ij,jab->iajb", jnp.asarray(A, x.dtype), slopes)
         d, size = self.dae.n_differential, self.n_differential
-        turned, sign = inverse(jnp.eye(size, dtype=x.dtype) - mixed[..., :d].reshape(size, size))
+        matrix = jnp.eye(size, dtype=x.dtype) - mixed[..., :d].reshape(size, size)
+        if size > UNROLLED:
+            factors, sign = factored(matrix)
+            of_stages = OfStages(differential_part, factors)
+            of_constraints: Any = jnp.zeros((x.size, 0), x.dtype)
+            if x.size > size:
+                of_constraints = OfConstraints(of_stages, constraint, mixed[..., d:].reshape(size, -1))
+            return InverseBlocks(of_stages, of_constraints, sign, terms.ravel())
+        turned, sign = inverse(matrix)
         of_content = jnp.einsum("ina,iab->inb", differential_part, turned.reshape(STAGES, d, size)).reshape(-1, size)
         own = jnp.einsum("ij,inb->injb", jnp.eye(STAGES, dtype=x.dtype), constraint).reshape(x.size, -1)
         of_constraint = own + matmul(of_content, mixed[..., d:].reshape(size, -1))

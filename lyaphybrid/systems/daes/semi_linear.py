@@ -43,10 +43,13 @@ ILL = 1e6  # above this condition number, in the best units, Ē counts as singul
 
 
 class InverseBlocks(NamedTuple):
-    """The two blocks of Ē⁻¹ = [L K]: a change u of E₁ x and r of f₂ is a change L u + K r of the state."""
+    """The two blocks of Ē⁻¹ = [L K]: a change u of E₁ x and r of f₂ is a change L u + K r of the state.
 
-    differential_part: Array  # (n, d)
-    constraint: Array  # (n, n − d)
+    Large ones are linear functions with a shape and ``@``, not written out.
+    """
+
+    differential_part: Any  # (n, d)
+    constraint: Any  # (n, n − d)
     sign: Array  # of det Ē, up to a constant factor
     terms: Array  # (n,) |Ē⁻¹| |Ē| |x|: the size of what adds up to x, and is rounded
 
