@@ -219,6 +219,24 @@ def test_numbers_change_without_compiling_or_tracing_again():
     assert len(traced) == tracings
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.grad])
+def test_derivatives_of_runs_with_a_transient_compile_once(derivative):
+    system = lh.Hybrid(
+        lambda t, x, args: -args * x, lh.Transition(lambda t, x, args: x[0] - 0.5, lambda t, x, args: 0.5 * x + args)
+    )
+
+    def exponent(rate):
+        return lh.lyapunov_spectrum(system, jnp.array([1.0]), rate, t1=3.0, transient=1.0).exponents[0]
+
+    slope = derivative(exponent)
+    slope(1.0)
+    compilations = len(COMPILED)
+    slopes = [slope(rate) for rate in (1.1, 1.2)]
+    assert len(COMPILED) == compilations
+    assert np.all(np.isfinite(slopes))
+
+
 def test_any_number_of_events_compiles_once():
     """Logs of other lengths, emptied once or several times, cost no compilation."""
     bounce = lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]]))

@@ -352,7 +352,7 @@ def _estimate(case: ExponentFunction, algorithm: str, period, key, ensemble) -> 
         except (UntrustedError, InapplicableError) as error:
             if algorithm == name:
                 raise
-            before.append(f"{name}: {error}")
+            before.append(f"{name}: {error}".removesuffix("."))
             failed = failed or getattr(error, "failed", False)
             continue
         if algorithm == name or found.trust:

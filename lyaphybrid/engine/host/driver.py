@@ -194,8 +194,13 @@ def after_transient(problem: RunProblem, plan: RunPlan, loop_state: LoopState, q
     Both are the same loop, taken twice, so that its code is made once. Both have as many blocks: `quiet`, `targets`
     are each the ends and the last jumps of these.
     """
-    limit = FOREVER if max_steps is None else max_steps
+    limit = np.int32(FOREVER if max_steps is None else max_steps)
+    both: Any = _both if traced(enclosed(problem)) else _both_at_once
+    loop_state, records, status = both(problem, plan, loop_state, quiet, targets, limit)
+    return Outcome(loop_state, records, status, False)
 
+
+def _both(problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targets, limit) -> tuple:
     def one(loop_state, targets):
         ends, last_jumps = targets
         loop_state, records = _advance(problem, plan, restart(loop_state), ends, last_jumps, limit)
@@ -204,8 +209,10 @@ def after_transient(problem: RunProblem, plan: RunPlan, loop_state: LoopState, q
 
     both = jax.tree.map(lambda *parts: jnp.stack(parts), quiet, targets)
     loop_state, found = jax.lax.scan(one, loop_state, both)
-    records, status = jax.tree.map(lambda leaf: leaf[-1], found)
-    return Outcome(loop_state, records, status, False)
+    return loop_state, *jax.tree.map(lambda leaf: leaf[-1], found)
+
+
+_both_at_once = eqx.filter_jit(_both)  # else XLA compiles the scan in each derivative that is taken eagerly
 
 
 def _place(loop_state: LoopState, run: int) -> tuple[Any, Any, Any]:

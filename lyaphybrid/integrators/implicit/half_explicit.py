@@ -17,7 +17,7 @@ import numpy as np
 
 from ..._arguments import is_one_of, require
 from ..._jax.columns import linear_at
-from ..._linalg.linear_systems import matmul
+from ..._linalg.linear_systems import UNROLLED, matmul
 from ...systems.daes.eliminations import Eliminated
 from ...systems.daes.points import solved
 from ...systems.daes.semi_linear import parts_of
@@ -75,7 +75,9 @@ class StageByStage(ConstrainedMethod):
             dae.slope(t, x, args),
             dae.inverse_blocks(t, x, args),
         )
-        sign = inverse_blocks.sign
+        sign, keeps = inverse_blocks.sign, self.table.diagonal and x.shape[0] > UNROLLED
+        if keeps:  # all stages have the same share: the inverse at the start serves them as long as it is good enough
+            inverse_blocks = dae.inverse_blocks(t, x, args, self.table.diagonal * h)
 
         def stage(state, given):
             point, inverse_blocks, slopes, last, same = state
@@ -83,7 +85,8 @@ class StageByStage(ConstrainedMethod):
             base = start + h * (weights @ slopes)
             ahead = base if share is None else base + share * last
             guess = point + matmul(inverse_blocks.differential_part, ahead - dae.differential_part(at, point, args))
-            point, inverse_blocks = solved(dae, args, at, base, guess, self.point_tolerance, share)
+            known = inverse_blocks if keeps else None
+            point, inverse_blocks = solved(dae, args, at, base, guess, self.point_tolerance, share, known)
             slope = dae.slope(at, point, args)
             # If det Ē changes its sign, the step has crossed a singular point and must be rejected.
             same = same & ((inverse_blocks.sign == sign) if share is None else True)

@@ -7,7 +7,7 @@ from jaxtyping import Array
 
 from ..._jax.precision import eps
 from ..._linalg.linear_systems import matmul
-from ..._linalg.roots import LAST_CORRECTION, root
+from ..._linalg.roots import last_correction, root
 from .semi_linear import Constrained, InverseBlocks
 
 __all__ = ["PointEquations", "PointTolerance", "landed", "solved", "to_rounding"]
@@ -27,9 +27,9 @@ def to_rounding(x) -> PointTolerance:
     return PointTolerance(jnp.asarray(1e-14, x.dtype), 4 * eps(x))
 
 
-def _allowed(inverse_blocks: InverseBlocks, x, tolerance: PointTolerance):
+def _allowed(inverse_blocks: InverseBlocks, x, tolerance: PointTolerance, shrinks):
     """How large each entry (n,) of the last correction may be."""
-    relative = LAST_CORRECTION * jnp.sqrt(tolerance.rtol) * jnp.abs(x)
+    relative = last_correction(tolerance.rtol, shrinks) * jnp.abs(x)
     return relative + tolerance.atol + ROUNDING_OF_TERMS * eps(x) * inverse_blocks.terms
 
 
@@ -64,12 +64,12 @@ def landed(dae: Constrained, args, t, x):
 
 
 def solved(
-    dae: PointEquations, args, t, base, guess, tolerance: PointTolerance, share: Any = None
+    dae: PointEquations, args, t, base, guess, tolerance: PointTolerance, share: Any = None, known: Any = None
 ) -> tuple[Array, InverseBlocks]:
     """The x (n,) with E₁ x = base (d,) and f₂(t, x) = 0, by Newton iteration; nan where it does not converge.
 
     With a share, as in implicit stages, E₁ x − share w'(t, x) = base. The second result is Ē⁻¹ at the last iterate but
-    one; it carries no derivative.
+    one; it carries no derivative. `known` is one at a point nearby, as for `root`.
     """
 
     def left(x):
@@ -85,4 +85,4 @@ def solved(
         differential_part, constraint = off
         return matmul(turned.differential_part, differential_part) + matmul(turned.constraint, constraint)
 
-    return root(left, inverse_blocks, corrected, guess, tolerance, _allowed)
+    return root(left, inverse_blocks, corrected, guess, tolerance, _allowed, known)

@@ -1,5 +1,6 @@
 """Which functions a system has, with which arguments they are called, and what each must return."""
 
+import collections
 import contextlib
 import weakref
 from collections.abc import Callable
@@ -7,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..._arguments import positive, real
 from ...errors import UserFunctionError
@@ -19,6 +21,8 @@ from .calling import call_of, results_of
 from .explanations import Call, described, explained, order_of_arguments
 
 __all__ = ["check_clocks", "check_functions", "has_identity_reset"]
+
+MOST_REMEMBERED = 64  # checks that have passed, which keep their functions alive
 
 
 def check_clocks(system: Any, args: Any) -> None:
@@ -41,11 +45,15 @@ def _check_clock(name: str, value, args, good: Callable) -> None:
 def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
     """Check arguments and results of each of the user's functions, by abstract evaluation.
 
-    Called where functions are traced, and therefore once per signature and not in each call.
+    Called where functions are traced. What has passed is not traced again for other programs of the same functions.
 
     Raises:
         ValueError: on a function with the wrong number of arguments, or the wrong shape or kind of result.
     """
+    signature = _signature(system, x, args)
+    if signature is not None and signature in _passed:
+        _passed.move_to_end(signature)
+        return
     t = jax.ShapeDtypeStruct((), x.dtype)
     if isinstance(system, Flow):
         _check_field("field", system.field, t, x, args)
@@ -55,6 +63,26 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
         (_check_event_driven if system.schedule is None else _check_scheduled)(system, t, x, args)
     else:
         _check_hybrid(system, t, x, args)
+    if signature is not None:
+        _passed[signature] = None
+        while len(_passed) > MOST_REMEMBERED:
+            _passed.popitem(last=False)
+
+
+_passed: collections.OrderedDict[Any, None] = collections.OrderedDict()  # signatures, the latest last
+
+
+def _signature(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> Any:
+    """What the check depends on: functions, shapes and types, and whole numbers; None where it cannot be compared."""
+    leaves, structure = jax.tree.flatten((system, args))
+    arrays = jax.Array, np.ndarray, np.generic
+    kinds = tuple((leaf.shape, leaf.dtype) if isinstance(leaf, arrays) else (type(leaf), leaf) for leaf in leaves)
+    signature = structure, kinds, x.shape, x.dtype
+    try:
+        hash(signature)
+    except TypeError:
+        return None
+    return signature
 
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:
