@@ -51,7 +51,8 @@ def explains_keywords(function: Callable[P, T]) -> Callable[P, T]:
 def _answer(function: Callable, said: str, given: dict[str, Any]) -> str | None:
     """What to say to Python's words about the arguments of a call; None where they are about another call."""
     taken, name = inspect.signature(function).parameters, function.__name__
-    if said.startswith(f"{name}() takes ") and "positional argument" in said:
+    too_many = said.startswith(f"{name}() takes ") and "positional argument" in said
+    if too_many or said.startswith(f"{name}() got multiple values for argument "):
         by_place = [key for key, one in taken.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
         by_name = [f"{key}=…" for key, one in taken.items() if one.kind is one.KEYWORD_ONLY]
         return f"{said}: by place only {', '.join(by_place)}; by name {', '.join(by_name)}."

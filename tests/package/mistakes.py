@@ -345,6 +345,10 @@ ARGUMENTS = {
     ),
     "run of two arguments": Mistake(swept(lambda a, b: a), ("run is called with (args)", "'b'")),
     "run without return": Mistake(swept(lambda a: None), ("must return a Spectrum", "got None")),
+    "args of a sweep by place": Mistake(
+        functools.partial(lh.sweep, lambda a: a, {"k": 1.0}, over={"k": [1.0]}),
+        ("multiple values", "by name points=…, args=…"),
+    ),
     "sweep of another name": Mistake(swept(lambda a: a, q=[1.0]), ("'q' is no entry of args", "args has c, k")),
     "sweep over one number": Mistake(swept(lambda a: a["k"], k=0.5), ("at least one value", "got array(0.5)")),
     "sweep too large": Mistake(
