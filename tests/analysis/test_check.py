@@ -5,6 +5,7 @@ import time
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import balls
@@ -155,3 +156,77 @@ def test_states_so_small_that_absolute_tolerances_are_coarse(unit, noted):
     if noted:
         assert "x and v: at most" in said[0]
         assert "method=lh.RungeKutta(atol=" in said[0]
+
+
+def between_walls(mass: float, forgets: bool, **promises):
+    """Two particles on a line between walls at 0 and 1 that pass each other; the second may forget how fast it came."""
+
+    def next_event(t, x, args):
+        away = jnp.where(x[2:] < 0, x[:2] / -x[2:], (1 - x[:2]) / x[2:]) * jnp.array([1.0, mass])
+        return jnp.min(away), jnp.argmin(away)
+
+    def flow(dt, t, x, args):
+        return jnp.concatenate([x[:2] + dt * x[2:] / jnp.array([1.0, mass]), x[2:]])
+
+    def jump(t, x, args, which):
+        x = x.at[2 + which].multiply(-1.0)
+        return x.at[3].set(jnp.where(forgets & (which == 1), 0.8 * jnp.sign(x[3]), x[3]))
+
+    def guard(t, x, args, which):
+        return jnp.where(x[2 + which] < 0, x[which], 1 - x[which])
+
+    return lh.EventDriven(flow, next_event, jump, guard, **promises)
+
+
+@pytest.mark.parametrize(
+    ("mass", "forgets", "promises", "says"),
+    [
+        (3.0, False, {"canonical": True}, None),
+        (3.0, False, {"invertible": True}, None),
+        (3.0, False, {}, None),
+        (3.0, True, {"invertible": True}, "invertible=True promises that no event destroys a direction"),
+        (3.0, True, {"canonical": True}, "canonical=True promises that no event destroys a direction"),
+    ],
+)
+def test_promises_of_event_driven_systems(mass, forgets, promises, says):
+    report = lh.check(between_walls(mass, forgets, **promises), [0.3, 0.7, 0.5, -0.8])
+    said = [one for one in report.findings if one.topic == "promises"]
+    assert [one.verdict for one in said] == ([] if not promises else ["right" if says is None else "wrong"])
+    assert says is None or says in said[0].text
+
+
+def test_velocities_in_place_of_momenta():
+    """Two discs of masses 1 and 2 that exchange velocities on a line: dq∧dp is conserved, dq∧dv is not."""
+
+    def exchanging(scale):
+        """x = (q, s v) with s = `scale`: momenta, or velocities where s = 1."""
+        s, m = jnp.asarray(scale), jnp.array([1.0, 2.0])
+
+        def velocity(x):
+            return x[2:] / s
+
+        def next_event(t, x, args):
+            v = velocity(x)
+            wall = jnp.where(v < 0, x[:2] / -v, (1 - x[:2]) / v)
+            meet = jnp.where(v[0] > v[1], (x[1] - x[0]) / (v[0] - v[1]), jnp.inf)
+            return jnp.minimum(jnp.min(wall), meet), jnp.argmin(jnp.append(wall, meet))
+
+        def jump(t, x, args, which):
+            v = velocity(x)
+            centre = (m @ v) / jnp.sum(m)
+            met = 2 * centre - v
+            after = jnp.where(jnp.full(2, which == 2), met, jnp.where(jnp.arange(2, dtype=which.dtype) == which, -v, v))
+            return jnp.concatenate([x[:2], s * after])
+
+        def guard(t, x, args, which):
+            v = velocity(x)
+            wall = jnp.where(v < 0, x[:2], 1 - x[:2])
+            return jnp.append(wall, x[1] - x[0])[which]
+
+        flow = lambda dt, t, x, args: jnp.concatenate([x[:2] + dt * velocity(x), x[2:]])  # noqa: E731
+        return lh.EventDriven(flow, next_event, jump, guard, canonical=True)
+
+    for scale, verdict in (([1.0, 2.0], "right"), ([1.0, 1.0], "wrong")):
+        start = np.array([0.3, 0.7, 0.5 * scale[0], -0.8 * scale[1]])
+        report = lh.check(exchanging(scale), start, t1=6.0)
+        assert [one.verdict for one in report.findings if one.topic == "promises"] == [verdict]

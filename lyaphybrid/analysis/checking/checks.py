@@ -29,6 +29,7 @@ from ..trajectories import Trajectory, place_after, tangent_map, trajectory
 from . import functions, jumps, motion
 from .constraints import check_what_is_fixed
 from .predictions import check_instants, check_predictions
+from .promises import check_promises
 from .report import Finding, Report, noted, right, wrong
 from .smoothness import check_smoothness
 
@@ -113,6 +114,7 @@ def check(
         found += functions.check_clocks(own, begin, state)
         found += check_predictions(system, problem.args, run, (begin, state))
         found += check_instants(system, problem.args, run, (begin, state))
+        found += check_promises(system, problem.args, run, (begin, state))
         flowing = None if iterates(system) or isinstance(system, EventDriven) else _flowing(problem, begin, start)
         found += _of_run(system, run, problem, own, flowing, step)
         found += ended

@@ -18,7 +18,7 @@ class Finding(NamedTuple):
     Attributes:
         verdict: "right"; "note", worth knowing; or "wrong", a mistake.
         topic: what was looked at: "functions", "derivatives", "constraints", "smoothness", "clocks", "jumps", "run",
-            "saltation", "flow direction", "tolerance", "stiffness", "precision", "prediction", "instants".
+            "saltation", "flow direction", "tolerance", "stiffness", "precision", "prediction", "instants", "promises".
         text: what was found, and what to do.
     """
 
