@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-__all__ = ["ArgsEntry", "described", "entries", "entry_named", "entry_of", "name_of"]
+__all__ = ["ArgsEntry", "described", "entries", "entry_named", "entry_of", "name_of", "number_of"]
 
 
 class ArgsEntry(NamedTuple):
@@ -34,20 +34,37 @@ class ArgsEntry(NamedTuple):
 
 def entries(args) -> dict[str, ArgsEntry]:
     """The whole entries by name: numbers and arrays."""
+    return {name: ArgsEntry(i, None) for i, name in _named(args)}
+
+
+def _named(args) -> list[tuple[int, str]]:
+    """The number and the name of each leaf that holds numbers, or PRNG keys."""
     paths = jax.tree_util.tree_leaves_with_path(args)
-    return {name_of(path): ArgsEntry(i, None) for i, (path, leaf) in enumerate(paths) if eqx.is_array_like(leaf)}
+    return [(i, name_of(path)) for i, (path, leaf) in enumerate(paths) if _holds_numbers(leaf)]
 
 
 def entry_named(args, name: str) -> ArgsEntry | None:
-    """The entry of that name, whole or a single number of an array; None if there is none."""
-    known, (whole, bracket, index) = entries(args), name.partition("[")
-    if name in known or not bracket or whole not in known:
-        return known.get(name)
-    shape = np.shape(known[whole].of(args))
-    numbers = index.removesuffix("]").split(",")
-    fits = name.endswith("]") and len(numbers) == len(shape) and all(number.strip().isdecimal() for number in numbers)
-    place = tuple(map(int, numbers)) if fits else ()
-    return ArgsEntry(known[whole].leaf, place) if place and all(map(operator.lt, place, shape)) else None
+    """The entry of that name, whole or a single number of an array; None if there is none.
+
+    Raises:
+        ValueError: if two entries have this name, as of ``{"a.b": 1.0, "a": {"b": 2.0}}``.
+    """
+    found = [ArgsEntry(i, None) for i, own in _named(args) if own == name]
+    whole, bracket, index = name.partition("[")
+    for i, own in _named(args) if bracket else ():
+        shape = np.shape(ArgsEntry(i, None).of(args)) if own == whole else ()
+        numbers = index.removesuffix("]").split(",")
+        fits = name.endswith("]") and len(numbers) == len(shape) and all(one.strip().isdecimal() for one in numbers)
+        place = tuple(map(int, numbers)) if fits and shape else ()
+        if place and all(map(operator.lt, place, shape)):
+            found.append(ArgsEntry(i, place))
+    if len(found) > 1:
+        raise ValueError(f"{len(found)} entries of args have the name {name!r}: rename all but one.")
+    return found[0] if found else None
+
+
+def _holds_numbers(leaf: Any) -> bool:
+    return eqx.is_array_like(leaf) and not (isinstance(leaf, np.ndarray) and leaf.dtype.kind not in "biufc")
 
 
 def entry_of(args, name: str) -> ArgsEntry:
@@ -55,6 +72,14 @@ def entry_of(args, name: str) -> ArgsEntry:
     entry = entry_named(args, name)
     if entry is None:
         raise ValueError(f"{name!r} is no entry of args: args has {described(args)}.")
+    return entry
+
+
+def number_of(args, name: str) -> ArgsEntry:
+    """The entry of that name, which is a single number; a ValueError if it is not."""
+    entry = entry_of(args, name)
+    if shape := np.shape(entry.of(args)):
+        raise ValueError(f"The parameter {name!r} must be a single number, such as {name}[0]; got shape {shape}.")
     return entry
 
 
@@ -79,6 +104,8 @@ def name_of(path) -> str:
 def _in_kind_of(leaf: Any, value: Any):
     """A value in the precision of the entry that it replaces; whole entries take values that are not."""
     kind, value = jnp.result_type(leaf), jnp.asarray(value)
+    if isinstance(leaf, float):  # takes the precision of what it meets, and so does the value in its place
+        return value
     fraction = jnp.issubdtype(value.dtype, jnp.inexact) and not jnp.issubdtype(kind, jnp.inexact)
     return value if kind == jnp.result_type(0) or fraction else value.astype(kind)
 

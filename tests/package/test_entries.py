@@ -23,6 +23,7 @@ ARGS = {
     "spring": Spring(4.0, jnp.arange(6.0).reshape(2, 3)),
     "several": [5.0, (6.0, 7.0)],
     "odd[0]": 8.0,
+    "words": np.array(["u", "v"]),
 }
 
 
@@ -52,12 +53,40 @@ def test_each_number_has_a_name(name, value):
 
 @pytest.mark.parametrize(
     "name",
-    ["d", "rates[3]", "rates[-1]", "rates[", "rates[]", "rates[0", "rates[0, 0]", "rates[x]", "c[0]", "spring", "key"],
+    [
+        "d",
+        "rates[3]",
+        "rates[-1]",
+        "rates[",
+        "rates[]",
+        "rates[0",
+        "rates[0, 0]",
+        "rates[x]",
+        "c[0]",
+        "spring",
+        "key",
+        "words",
+    ],
 )
 def test_what_is_not_there(name):
     assert entry_named(ARGS, name) is None
     with pytest.raises(ValueError, match=r"args has c, odd\[0\], rates \(rates\[0\] … rates\[2\]\)"):
         entry_of(ARGS, name)
+
+
+@pytest.mark.parametrize(
+    ("args", "name"), [({"a.b": 1.0, "a": {"b": 2.0}}, "a.b"), ({"r[0]": 1.0, "r": np.ones(2)}, "r[0]")]
+)
+def test_a_name_of_two_entries_is_refused(args, name):
+    with pytest.raises(ValueError, match="2 entries of args have the name"):
+        entry_of(args, name)
+
+
+@pytest.mark.parametrize(("verb", "how"), [(lh.bifurcation_diagram, {"period": 1.0}), (lh.basin_shares, {"starts": 9})])
+def test_an_array_is_no_parameter(verb, how):
+    tilted = lh.Flow(lambda t, x, args: x - x**3 + jnp.sum(args["p"]))
+    with pytest.raises(ValueError, match=r"'p' must be a single number, such as p\[0\]; got shape \(3,\)"):
+        verb(tilted, [[-1.5], [1.5]], {"p": np.zeros(3)}, over={"p": [0.1]}, t1=99, key=jax.random.key(1), **how)
 
 
 def test_args_that_are_one_number_or_an_array():
@@ -104,3 +133,13 @@ def test_shares_of_basins_along_an_entry_of_an_array():
     up = int(found.basins[0].attractors[1].points[0, 0] > 0)
     assert abs(found.shares[0, up] - (1.5 + 0.10103) / 3) < 4 * found.stderr.max()
     assert found.parameter == "rates[1]"
+
+
+@pytest.mark.filterwarnings("ignore:x0 is float32")
+def test_states_of_single_precision():
+    logistic, how = lh.Map(lambda n, x, args: args["p"] * x * (1 - x)), {"t1": 100, "transient": 100, "period": 1}
+    with jax.numpy_dtype_promotion("standard"):
+        diagram = lh.bifurcation_diagram(
+            logistic, np.array([0.4], np.float32), {"p": 3.9}, over={"p": [3.2]}, directions=("up",), **how
+        )
+    assert abs(float(np.ravel(diagram.exponents)[0]) - np.log(abs(4 + 2 * 3.2 - 3.2**2)) / 2) < 1e-4

@@ -67,6 +67,17 @@ def test_a_slide_that_meets_another_surface_ends():
     assert float(np.max(np.abs(ends.x))) < 1e-9
 
 
+def test_a_slide_that_comes_close_to_another_surface_goes_on():
+    """x' = ∓1, y' = −y: on x = 0 from t = 0.5, and y = exp(−t) never reaches the surface y = 0."""
+    right = lambda t, x, a: jnp.stack([1.0 + 0 * x[0], -x[1]])  # noqa: E731
+    left = lambda t, x, a: jnp.stack([-1.0 + 0 * x[0], -x[1]])  # noqa: E731
+    below = lambda t, x, a: jnp.stack([0 * x[0], -1.0 + 0 * x[0]])  # noqa: E731
+    system = lh.filippov([left, left], [right, below], [lambda t, x, a: x[0], lambda t, x, a: x[1]])
+    run = lh.trajectory(system, [-0.5, 1.0], t1=60.0, n=2)
+    assert len(run.events) == 1
+    assert run.status == lh.STATUS.ok
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

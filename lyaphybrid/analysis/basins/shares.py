@@ -11,7 +11,7 @@ import numpy as np
 
 from ... import plots
 from ..._arguments import Key, Progress, Real, require, require_values
-from ..._entries import entry_of
+from ..._entries import number_of
 from ..._keywords import explains_keywords, user_level
 from ..._text import Table, with_error
 from ...engine import preparation
@@ -152,7 +152,7 @@ def basin_shares(
     """
     require_values("basin_shares", x0, args)
     name, values = only_parameter(over)
-    entry, known, found, numbers = entry_of(args, name), [], [], []
+    entry, known, found, numbers = number_of(args, name), [], [], []
     how = {"period": period, "angles": angles, "t0": t0, "mode": mode, "method": method, "max_steps": max_steps}
 
     def run_at(value) -> BasinRun:

@@ -12,8 +12,8 @@ from .report import Finding, right, wrong
 __all__ = ["check_promises"]
 
 EVENTS = 8  # looked at, the first ones of the trial run
-MOST_COMPONENTS = 64  # of a state; larger ones would take too long
-LOST = (
+LARGEST_STATE = 64  # of a state; larger ones would take too long
+DESTROYED = (
     1e-13  # a direction that shrinks to this, relative to the largest growth from one event to the next, is destroyed
 )
 LARGEST_DEFECT = 1e-7  # of MᵀJM − J, relative to the terms that add up to it: far above what rounding leaves
@@ -24,7 +24,7 @@ def check_promises(system: Any, args: Any, run: Trajectory, start: tuple) -> lis
     t, x = start
     promises = isinstance(system, EventDriven) and (system.canonical or system.invertible)
     times = np.append(np.asarray(run.events.t), float(run.t[-1])) - float(t)
-    if not promises or system.schedule is not None or np.size(x) > MOST_COMPONENTS or is_short(x):
+    if not promises or system.schedule is not None or np.size(x) > LARGEST_STATE or is_short(x):
         return []
     between = np.mean([times[:-1], times[1:]], axis=0)  # after each event, before the next
     lengths = between[between > 0][:EVENTS].tolist()
@@ -33,7 +33,7 @@ def check_promises(system: Any, args: Any, run: Trajectory, start: tuple) -> lis
         matrix = np.asarray(tangent_map(system, x, args, t0=float(t), t1=length).matrix)
         until = float(t) + length
         growth = np.linalg.svd(np.linalg.solve(before.T, matrix.T), compute_uv=False)
-        if growth[-1] < LOST * growth[0]:
+        if growth[-1] < DESTROYED * growth[0]:
             return [wrong("promises", _DESTROYED.format("canonical" if system.canonical else "invertible", until))]
         defect = _defect(matrix) if system.canonical else 0.0
         if defect > LARGEST_DEFECT:

@@ -25,7 +25,7 @@ from ..._arguments import (
     require_values,
     whole,
 )
-from ..._entries import entry_of
+from ..._entries import number_of
 from ..._jax.tracing import array
 from ..._keywords import explains_keywords
 from ..._text import Table
@@ -286,10 +286,10 @@ def bifurcation_diagram(
         f"bifurcation_diagram needs states of shape (n,); got {problem.shape}. For many bodies use lh.sweep.",
     )
     require_values("bifurcation_diagram", problem, given, values)
-    _check_parameter(problem, name, values, period, given[0], transient)
+    _check_parameter(problem, name, values.astype(given.dtype), period, given[0], transient)
     n = problem.shape[0]
     angles = integers("angles, which are components,", angles, 0, n - 1)
-    how = schedule(entry_of(problem.args, name), angles, transient, t1, samples)
+    how = schedule(number_of(problem.args, name), angles, transient, t1, samples)
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
     shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
     follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
@@ -354,8 +354,7 @@ def _starts(x0, starts, values: int, key, draws: bool):
 
 
 def _check_parameter(problem, name, values, period, x, transient) -> None:
-    shape = np.shape((entry := entry_of(problem.args, name)).of(problem.args))
-    require(shape == (), f"The parameter {name!r} must be a single number, such as {name}[0]; got shape {shape}.")
+    entry = number_of(problem.args, name)
     for value in () if period is None else values[[0, -1]]:
         args = entry.placed(problem.args, value)
         own = period(args) if callable(period) else period

@@ -19,6 +19,7 @@ from typing import Any
 from ..hybrid import Hybrid, Transition, never
 from ..smooth import Flow
 from .surfaces import (
+    BeforeCrossing,
     InitialMode,
     LeavesToOneSide,
     ModeAfterArrival,
@@ -176,5 +177,5 @@ def _crossings(sides: list[TwoSidedSurface], where: list[tuple[int, int]], modes
         for j, other in enumerate(where):
             signs = [sign for region, sign in zip(other, (-1, 1), strict=True) if region in own and i != j]
             source = modes[regions + i]
-            found += [Transition(sides[j].surface, when=never, source=source, direction=sign) for sign in signs]
+            found += [Transition(BeforeCrossing(sides[j], -sign), when=never, source=source) for sign in signs]
     return found

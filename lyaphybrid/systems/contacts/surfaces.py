@@ -25,6 +25,7 @@ __all__ = [
 ]
 
 TWO_FOLD = 1e-8  # both fields are tangent to the surface where both rates are below this, relative to |∇h| |f|
+CROSSED = 1e-10  # a slide has crossed another surface if h is beyond this, relative to |∇h| (1 + |x|)
 OFF_SURFACE = 1e-6  # a state is off a surface if |h| is above this, relative to |∇h| (1 + |x|)
 
 Function = Callable[..., Any]
@@ -151,6 +152,18 @@ class ModeAfterSliding(eqx.Module):
         """The index of that mode."""
         v_plus, v_minus = self.side.rates(t, x, args)
         return jnp.where(v_plus + v_minus > 0, self.above, self.below)
+
+
+class BeforeCrossing(eqx.Module):
+    """The guard that falls through zero where a motion has crossed a surface, by more than rounding."""
+
+    side: TwoSidedSurface
+    sign: int = eqx.field(static=True)  # of h before
+
+    def __call__(self, t, x, args):
+        """The guard: sign · h, and what counts as zero."""
+        value, gradient = jax.value_and_grad(self.side.surface, argnums=1)(t, x, args)
+        return self.sign * value + CROSSED * jnp.sqrt(jnp.sum(gradient**2)) * (1 + jnp.sqrt(jnp.sum(x**2)))
 
 
 class LeavesToOneSide(eqx.Module):

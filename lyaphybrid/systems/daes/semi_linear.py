@@ -115,7 +115,7 @@ class Constrained(eqx.Module):
         """The same for a constant E₁: only A₂ Z (n − d, n − d) is inverted, Z a basis of the kernel of E₁."""
         right, kernel = split(rows)
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
-        by_kernel, by_content = _columns(along, kernel), _columns(along, right)
+        by_kernel, by_content = _columns(along, kernel, x.dtype), _columns(along, right, x.dtype)
         turned, sign = inverse(by_kernel)
         falling = sparse_matmul(kernel, turned)
         differential_part = jnp.asarray(right, x.dtype) - matmul(falling, by_content)
@@ -184,18 +184,19 @@ class Banded(Constrained):
             return super()._lifts_along(rows, t, x, args)
         right, kernel = split(rows)
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
-        seen = _columns(along, kernel @ probes(kernel.shape[1], self.bandwidth))
+        seen = _columns(along, kernel @ probes(kernel.shape[1], self.bandwidth), x.dtype)
         factors, sign = factorised(seen)
         places = tuple(int(i) for i in np.argmax(kernel, axis=0))
         falling: Any = BandedInverseBlock(factors, places, kernel.shape)
         # |K| is not at hand: the algebraic components of a network have one unit.
         terms = jnp.maximum(jnp.abs(x), jnp.max(jnp.abs(kernel.T @ x), initial=0.0))
-        return InverseBlocks(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign, terms)
+        lifts = jnp.asarray(right, x.dtype) - falling @ _columns(along, right, x.dtype)
+        return InverseBlocks(lifts, falling, sign, terms)
 
 
-def _columns(along, matrix: np.ndarray):
+def _columns(along, matrix: np.ndarray, dtype):
     """A linear function applied to each column of a constant matrix."""
-    return jax.vmap(along, in_axes=1, out_axes=1)(jnp.asarray(matrix))
+    return jax.vmap(along, in_axes=1, out_axes=1)(jnp.asarray(matrix, dtype))
 
 
 class DAE(Flow):

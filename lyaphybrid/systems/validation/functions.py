@@ -75,14 +75,19 @@ _passed: collections.OrderedDict[Any, None] = collections.OrderedDict()  # signa
 def _signature(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> Any:
     """What the check depends on: functions, shapes and types, and whole numbers; None where it cannot be compared."""
     leaves, structure = jax.tree.flatten((system, args))
-    arrays = jax.Array, np.ndarray, np.generic
-    kinds = tuple((leaf.shape, leaf.dtype) if isinstance(leaf, arrays) else (type(leaf), leaf) for leaf in leaves)
+    kinds = tuple(_kind(leaf) for leaf in leaves)
     signature = structure, kinds, x.shape, x.dtype
     try:
         hash(signature)
     except TypeError:
         return None
     return signature
+
+
+def _kind(leaf: Any) -> tuple:
+    if isinstance(leaf, np.ndarray | np.generic):
+        return leaf.shape, leaf.dtype
+    return (leaf.shape, leaf.dtype, leaf.weak_type) if isinstance(leaf, jax.Array) else (type(leaf), leaf)
 
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:
