@@ -292,7 +292,7 @@ def bifurcation_diagram(
     how = schedule(number_of(problem.args, name), angles, transient, t1, samples)
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
     shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
-    follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
+    follow_from = random[:, 0] if first is None else np.broadcast_to(first.astype(given.dtype), random[:, 0].shape)
     sequences = _sequences(values.astype(given.dtype), random, follow_from, kinds)
     results, done = lanes.run_sequences(run, shared, [sequence for _, sequence in sequences], progress=progress)
     columns, kinds = _columns([kind for kind, _ in sequences], results, done, random.shape[:2])
