@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
+from ..native.lowering.jax_versions import scan_of
 from .tracing import traced
 
 __all__ = [
@@ -126,8 +127,9 @@ def results_of(eqn, marked: list[bool]) -> Sequence[bool]:
     if eqn.primitive.name == "cond" and not marked[0]:
         return [any(each) for each in zip(*(depending(one, marked[1:]) for one in params["branches"]), strict=True)]
     if eqn.primitive.name == "scan":
-        fixed, carried = params["num_consts"], params["num_carry"]
-        return _of_loop(params["jaxpr"], marked[:fixed], marked[fixed : fixed + carried], marked[fixed + carried :])
+        scan = scan_of(eqn)
+        consts, carry, each = np.split(np.array(marked), [scan.consts, scan.consts + scan.carry])
+        return _of_loop(scan.body, consts.tolist(), carry.tolist(), each.tolist())
     if eqn.primitive.name == "while":
         first, fixed = params["cond_nconsts"], params["body_nconsts"]
         carried = _of_loop(params["body_jaxpr"], marked[first : first + fixed], marked[first + fixed :], ())
