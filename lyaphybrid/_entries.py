@@ -104,10 +104,11 @@ def name_of(path) -> str:
 def _in_kind_of(leaf: Any, value: Any):
     """A value in the precision of the entry that it replaces; whole entries take values that are not."""
     kind, value = jnp.result_type(leaf), jnp.asarray(value)
-    if isinstance(leaf, float) or getattr(leaf, "weak_type", False):  # it takes the precision of what it meets
-        return value
-    fraction = jnp.issubdtype(value.dtype, jnp.inexact) and not jnp.issubdtype(kind, jnp.inexact)
-    return value if kind == jnp.result_type(0) or fraction else value.astype(kind)
+    inexact = jnp.issubdtype(value.dtype, jnp.inexact)
+    # A float takes the precision of what it meets: so does a value in its place.
+    meets = inexact and (isinstance(leaf, float) or getattr(leaf, "weak_type", False))
+    fraction = inexact and not jnp.issubdtype(kind, jnp.inexact)
+    return value if meets or fraction or kind == jnp.result_type(0) else value.astype(kind)
 
 
 def _with_number(array, index, value):
