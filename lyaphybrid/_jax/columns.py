@@ -157,9 +157,7 @@ def _dot(params, k, left, right):
 
 def _updated(k, x, new, starts):
     array, new = _spread((x, new), k)
-    return lax.dynamic_update_slice_p.bind(
-        array, new, *_corner(starts)
-    )  # the function counts negative ones from the end
+    return lax.dynamic_update_slice_p.bind(array, new, *_corner(starts))
 
 
 def _corner(starts):

@@ -77,7 +77,7 @@ def settings_of(problem: RunProblem, plan: RunPlan, t, x, reverse: bool = False)
     """Bind a plan to a problem, while tracing."""
     own = plan._asdict()
     del own["batched"]
-    if reverse and isinstance(problem.system, Hybrid):
+    if reverse and isinstance(problem.system, EventDriven | Hybrid):
         _refuse_typed_keys(problem.args)
     evolver = evolver_of(problem, t, x)
     if plan.count_jumps and isinstance(evolver, Stepping) and evolver.has_events:

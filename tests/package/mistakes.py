@@ -132,6 +132,17 @@ BACKWARDS_ONLY = jax.custom_vjp(lambda x: x * x)
 BACKWARDS_ONLY.defvjp(lambda x: (x * x, x), lambda x, g: (2 * x * g,))
 
 
+def bounced_by_noise(key, size):
+    """The end of a fall that a random impact interrupts."""
+    system = lh.EventDriven(
+        flow=lambda dt, t, x, a: jnp.array([x[0] + x[1] * dt - dt**2 / 2, x[1] - dt]),
+        next_event=lambda t, x, a: (x[1] + jnp.sqrt(x[1] ** 2 + 2 * x[0]), 0),
+        jump=lambda t, x, a, which: jnp.array([0 * x[0], a["size"] * jax.random.uniform(a["key"]) - x[1]]),
+        guard=lambda t, x, a, which: x[0],
+    )
+    return lh.trajectory(system, [1.0, 0.0], {"key": key, "size": size}, t1=2.0, n=1).x[-1, 1]
+
+
 def kicked_by_noise(key, size):
     """The end of x' = −x with a random kick at t = 1."""
     kick = lh.Transition(every=1.0, reset=lambda t, x, a: x + a["size"] * jax.random.normal(a["key"], (1,)))
@@ -401,6 +412,10 @@ ARGUMENTS = {
     ),
     "typed key in a gradient": Mistake(
         functools.partial(jax.grad(lambda s: kicked_by_noise(jax.random.key(0), s)), 1.0),
+        ("a typed key", "jax.random.key_data(key)", "jax.jacfwd"),
+    ),
+    "typed key in a gradient of an event-driven system": Mistake(
+        functools.partial(jax.grad(lambda s: bounced_by_noise(jax.random.key(0), s)), 1.0),
         ("a typed key", "jax.random.key_data(key)", "jax.jacfwd"),
     ),
     "orbit under grad": Mistake(
