@@ -243,7 +243,7 @@ def finds(evolver, solver: SolverState, trial: Trial, bracket: RootBracket):
     found = jnp.any(signs.crossed | signs.turn | trial.hidden)
     event = (found | (bracket.guard_index >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
     far = jnp.any((signs.crossed & ~signs.lands) | signs.turn | trial.hidden)
-    return event, jnp.any(signs.lands) & (~far | given_up)
+    return event, event & jnp.any(signs.lands) & (~far | given_up)
 
 
 def read_signs(evolver, solver: SolverState, trial: Trial, bracket: RootBracket) -> Signs:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..._jax.engines import compilations, compiled
 from ..._jax.precision import nonzero
-from ..._jax.tracing import as_jax, enclosed, numpy_for, traced, transforming
+from ..._jax.tracing import array, as_jax, enclosed, numpy_for, traced, transforming
 from ...events.compiled_hybrid import by_mode
 from ...statuses import RUNNING, STATUS
 from .. import beginning, loop, states
@@ -194,7 +194,7 @@ def after_transient(problem: RunProblem, plan: RunPlan, loop_state: LoopState, q
     Both are the same loop, taken twice, so that its code is made once. Both have as many blocks: `quiet`, `targets`
     are each the ends and the last jumps of these.
     """
-    limit = np.int32(FOREVER if max_steps is None else max_steps)
+    limit = array(FOREVER if max_steps is None else max_steps, np.int32)
     both: Any = _both if traced(enclosed(problem)) else _both_at_once
     loop_state, records, status = both(problem, plan, loop_state, quiet, targets, limit)
     return Outcome(loop_state, records, status, False)
