@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from .._arguments import is_number, require
@@ -79,19 +78,14 @@ def replaced(args: Any, x0: np.ndarray, knobs: Sequence[Knob], values: Mapping[s
 
     Every number that has a knob becomes a float, so that it may be any.
     """
-    leaves, structure = jax.tree.flatten(args)
     x0 = np.array(x0)
     for knob in knobs:
         value = float(values[knob.name])
         if isinstance(knob.place, int):
             x0[knob.place] = value
-        elif knob.place.index is None:
-            leaves[knob.place.leaf] = value
         else:
-            leaf = np.array(leaves[knob.place.leaf], float)
-            leaf[knob.place.index] = value
-            leaves[knob.place.leaf] = leaf
-    return jax.tree.unflatten(structure, leaves), x0
+            args = knob.place.placed(args, value)
+    return args, x0
 
 
 def _number_named(args: Any, name: str, others: Iterable[str]) -> ArgsEntry:

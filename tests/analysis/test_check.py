@@ -195,6 +195,20 @@ def test_promises_of_event_driven_systems(mass, forgets, promises, says):
     assert says is None or says in said[0].text
 
 
+def test_promises_of_a_run_that_ends():
+    """A ball that keeps half its speed comes to rest at t = 3 √2; its first bounces are looked at all the same."""
+    ball = lh.EventDriven(
+        flow=lambda dt, t, x, args: jnp.array([x[0] + x[1] * dt - dt**2 / 2, x[1] - dt]),
+        next_event=lambda t, x, args: (x[1] + jnp.sqrt(x[1] ** 2 + 2 * x[0]), 0),
+        jump=lambda t, x, args, which: jnp.array([0 * x[0], -0.5 * x[1]]),
+        guard=lambda t, x, args, which: x[0],
+        invertible=True,
+    )
+    report = lh.check(ball, [1.0, 0.0], t1=6.0)
+    assert not report.ok
+    assert [one.verdict for one in report.findings if one.topic == "promises"] == ["right"]
+
+
 def test_velocities_in_place_of_momenta():
     """Two discs of masses 1 and 2 that exchange velocities on a line: dq∧dp is conserved, dq∧dv is not."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from lyaphybrid._jax.columns import each_column
 from lyaphybrid._jax.dependence import reach
 from lyaphybrid._jax.magnitudes import absolute
-from many_programs import of_seed
+from many_programs import each_seed, of_seed
 
 FLOATS = 6  # of the operands of a random program are floating-point arrays, the first ones
 
@@ -54,24 +54,5 @@ def wrong_linear(program, operands) -> list[str]:
     return wrong
 
 
-def main(count: int, first: int = 0) -> int:
-    """Look at the programs of seeds first, first + 1, …"""
-    jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_disable_most_optimizations", True)  # XLA compiles faster
-    different = 0
-    for seed in range(first, first + count):
-        try:
-            wrong = wrong_linear(*of_seed(seed))
-        except Exception as error:
-            wrong = [f"{type(error).__name__}: {error}"[:300]]
-        if wrong:
-            different += 1
-            print(f"seed {seed}: {', '.join(wrong)}", flush=True)
-        if (seed + 1) % 100 == 0:
-            jax.clear_caches()
-    print(f"{count} programs from seed {first}, {different} with errors")
-    return different
-
-
 if __name__ == "__main__":
-    sys.exit(bool(main(*map(int, sys.argv[1:]))))
+    sys.exit(bool(each_seed(lambda seed: wrong_linear(*of_seed(seed)), *map(int, sys.argv[1:]))))

@@ -4,6 +4,7 @@ import functools
 import random
 import sys
 import time
+from collections.abc import Callable
 
 import jax
 import numpy as np
@@ -46,15 +47,19 @@ def of_seed(seed: int):
     return random_program(functools.partial(random.Random(seed).randrange))
 
 
-def main(count: int, first: int = 0) -> int:
-    """Run programs of seeds first, first + 1, …; each is compiled in two of the ways."""
+def in_two_ways(seed: int) -> list[str]:
+    """What is wrong with the program of a seed, compiled in two of the ways."""
+    return wrong_results(*of_seed(seed), [WAYS[seed % len(WAYS)], WAYS[(seed + 2) % len(WAYS)]])
+
+
+def each_seed(look: Callable[[int], list[str]], count: int, first: int = 0) -> int:
+    """Look at the seeds first, first + 1, …: what `look` finds wrong is printed; for how many that is something."""
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_disable_most_optimizations", True)  # XLA compiles faster
     clock, different = time.time(), 0
     for seed in range(first, first + count):
         try:
-            program, operands = of_seed(seed)
-            wrong = wrong_results(program, operands, [WAYS[seed % len(WAYS)], WAYS[(seed + 2) % len(WAYS)]])
+            wrong = look(seed)
         except Exception as error:
             wrong = [f"{type(error).__name__}: {error}"[:300]]
         if wrong:
@@ -68,4 +73,4 @@ def main(count: int, first: int = 0) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(bool(main(*map(int, sys.argv[1:]))))
+    sys.exit(bool(each_seed(in_two_ways, *map(int, sys.argv[1:]))))

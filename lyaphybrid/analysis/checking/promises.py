@@ -12,10 +12,8 @@ from .report import Finding, right, wrong
 __all__ = ["check_promises"]
 
 EVENTS = 8  # looked at, the first ones of the trial run
-LARGEST_STATE = 64  # of a state; larger ones would take too long
-DESTROYED = (
-    1e-13  # a direction that shrinks to this, relative to the largest growth from one event to the next, is destroyed
-)
+LARGEST_STATE = 64  # components; larger ones would take too long
+DESTROYED = 1e-13  # a direction that grows by less than this, relative to the one that grows most, is destroyed
 LARGEST_DEFECT = 1e-7  # of MᵀJM − J, relative to the terms that add up to it: far above what rounding leaves
 
 
@@ -30,7 +28,9 @@ def check_promises(system: Any, args: Any, run: Trajectory, start: tuple) -> lis
     lengths = between[between > 0][:EVENTS].tolist()
     before = np.eye(len(x))
     for length in lengths:
-        matrix = np.asarray(tangent_map(system, x, args, t0=float(t), t1=length).matrix)
+        matrix = np.asarray(tangent_map(system, x, args, t0=float(t), t1=length, throw=False).matrix)
+        if not np.all(np.isfinite(matrix)):  # the run ended before; what is said of that is said elsewhere
+            break
         until = float(t) + length
         growth = np.linalg.svd(np.linalg.solve(before.T, matrix.T), compute_uv=False)
         if growth[-1] < DESTROYED * growth[0]:

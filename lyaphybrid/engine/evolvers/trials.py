@@ -263,9 +263,8 @@ def read_signs(evolver, solver: SolverState, trial: Trial, bracket: RootBracket)
     turn = turns & (solver.guard_sign * extreme <= doubt) & (theta > none) & (theta < 1 - none)
     ahead = -trial.g / jnp.where(trial.rate == 0, nonzero(1e-300, trial.rate), trial.rate)
     close = fires & (solver.guard_sign * trial.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
-    aimed = jnp.arange(evolver.hybrid.slots, dtype=jnp.int32) == bracket.guard_index
     lands = close & ((bracket.guard_index >= 0) | jnp.any(crossed))
-    lands = lands | ((bracket.tries > PATIENCE) & (crossed | aimed))
+    lands = lands | ((bracket.tries > PATIENCE) & crossed)
     return Signs(crossed, turn, theta, lands, ahead)
 
 

@@ -195,12 +195,12 @@ def after_transient(problem: RunProblem, plan: RunPlan, loop_state: LoopState, q
     are each the ends and the last jumps of these.
     """
     limit = array(FOREVER if max_steps is None else max_steps, np.int32)
-    both: Any = _both if traced(enclosed(problem)) else _both_at_once
-    loop_state, records, status = both(problem, plan, loop_state, quiet, targets, limit)
+    runs: Any = _two_runs if traced(enclosed(problem)) else _compiled_two_runs
+    loop_state, records, status = runs(problem, plan, loop_state, quiet, targets, limit)
     return Outcome(loop_state, records, status, False)
 
 
-def _both(problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targets, limit) -> tuple:
+def _two_runs(problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targets, limit) -> tuple:
     def one(loop_state, targets):
         ends, last_jumps = targets
         loop_state, records = _advance(problem, plan, restart(loop_state), ends, last_jumps, limit)
@@ -212,7 +212,7 @@ def _both(problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targ
     return loop_state, *jax.tree.map(lambda leaf: leaf[-1], found)
 
 
-_both_at_once = eqx.filter_jit(_both)  # else XLA compiles the scan in each derivative that is taken eagerly
+_compiled_two_runs = eqx.filter_jit(_two_runs)  # else XLA compiles the scan in each derivative that is taken eagerly
 
 
 def _place(loop_state: LoopState, run: int) -> tuple[Any, Any, Any]:
