@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._jax.tracing import is_typed_key
+
 __all__ = ["ArgsEntry", "described", "entries", "entry_named", "entry_of", "name_of", "number_of"]
 
 
@@ -26,8 +28,7 @@ class ArgsEntry(NamedTuple):
         """The args with another value of the entry; PRNG keys stay as they are given."""
         leaves, structure = jax.tree.flatten(args)
         leaf = leaves[self.leaf]
-        is_key = isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
-        value = value if is_key else _in_kind_of(leaf, value)
+        value = value if is_typed_key(value) else _in_kind_of(leaf, value)
         leaves[self.leaf] = value if self.index is None else _with_number(jnp.asarray(leaf), self.index, value)
         return jax.tree.unflatten(structure, leaves)
 

@@ -9,6 +9,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal
 
 from .jaxprs import inside
+from .tracing import without_key_type
 
 __all__ = ["as_bytes", "hash_of_arrays", "hash_of_function", "hash_of_jaxpr"]
 
@@ -24,7 +25,7 @@ def hash_of_jaxpr(closed: ClosedJaxpr) -> str:
     for one in _with_programs(closed):
         digest.update(re.sub(r"0x[0-9a-f]+", "", str(one)).encode())  # without the addresses of functions
         for number in _numbers(one):
-            digest.update(as_bytes(np.asarray(number)))
+            digest.update(as_bytes(without_key_type(number)))
     return digest.hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Whether values are concrete or tracers."""
+"""Whether values are concrete, tracers or PRNG keys, and the arrays that they are handed on as."""
 
 import functools
 from types import ModuleType
@@ -17,11 +17,13 @@ __all__ = [
     "as_arrays",
     "as_jax",
     "enclosed",
+    "is_typed_key",
     "module_of",
     "numpy_for",
     "traced",
     "transforming",
     "varying",
+    "without_key_type",
 ]
 
 
@@ -52,6 +54,16 @@ def as_jax(tree: Any) -> Any:
     for i, placed in zip(ours, on_device([np.asarray(leaves[i]) for i in ours]), strict=True):
         leaves[i] = placed
     return jax.tree.unflatten(structure, leaves)
+
+
+def is_typed_key(value: Any) -> bool:
+    """Whether it is an array of PRNG keys, as `jax.random.key` makes them: NumPy has no such type."""
+    return hasattr(value, "dtype") and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
+
+
+def without_key_type(value: Any) -> np.ndarray:
+    """The value as an array of NumPy: PRNG keys as their data."""
+    return np.asarray(jax.random.key_data(value) if is_typed_key(value) else value)
 
 
 def traced(*values: Any) -> bool:

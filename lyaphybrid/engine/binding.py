@@ -4,10 +4,10 @@ import dataclasses
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._jax.calls import Calls
+from .._jax.tracing import is_typed_key
 from ..errors import UserFunctionError
 from ..events.compiled_hybrid import CompiledHybrid, bound, projection, wire
 from ..integrators import DiffraxEvents
@@ -89,7 +89,7 @@ def settings_of(problem: RunProblem, plan: RunPlan, t, x, reverse: bool = False)
 
 def _refuse_typed_keys(args) -> None:
     """JAX cannot transpose conditionals over them (0.10 and 0.12)."""
-    if any(jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.prng_key) for leaf in jax.tree.leaves(args)):
+    if any(is_typed_key(leaf) for leaf in jax.tree.leaves(args)):
         raise UserFunctionError(
             "args hold a typed key, jax.random.key(…), and JAX takes no reverse derivatives of a run with events over "
             "one: give jax.random.key_data(key) in args, which jax.random takes as well, or use jax.jacfwd."

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import require, whole
 from .._entries import ArgsEntry, described, entry_named
+from .._jax.tracing import is_typed_key, without_key_type
 
-__all__ = ["PointRun", "Runnable", "SweepPlan", "plan", "raw"]
+__all__ = ["PointRun", "Runnable", "SweepPlan", "plan"]
 
 EXTRAS = ("x0", "key")  # arguments of a run besides args that can be swept
 POINT = "point"
@@ -55,14 +55,14 @@ class SweepPlan(NamedTuple):
     def rows(self, points: np.ndarray) -> dict[str, Any]:
         """The values of all axes at the points of these indices (m,): arrays (m, …) by path."""
         indices = dict(zip(self.dims, np.unravel_index(points, self.shape), strict=True))
-        return {axis.path: raw(axis.values)[indices[axis.dim]] for axis in self.axes}
+        return {axis.path: without_key_type(axis.values)[indices[axis.dim]] for axis in self.axes}
 
     def coordinates(self) -> dict[str, tuple]:
         """Coordinates for an `xarray.Dataset`: numbers label their dimension; vectors and keys get an index."""
         found: dict[str, tuple] = {}
         for axis in self.axes:
-            values = raw(axis.values)
-            if values.ndim == 1 and not _is_key(axis.values):
+            values = without_key_type(axis.values)
+            if values.ndim == 1 and not is_typed_key(axis.values):
                 found[axis.path] = ((axis.dim,), values)
                 continue
             if axis.dim == axis.path:
@@ -102,7 +102,7 @@ def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args:
 
 def _axis(path: str, dim: str, values, args) -> Axis:
     require(isinstance(path, str), f"Names in over and points are strings; got {path!r}.")
-    if not _is_key(values):
+    if not is_typed_key(values):
         values = np.asarray(values)
         numeric = values.dtype.kind in "fiub" or (path == "key" and values.dtype.kind == "u")
         require(numeric, f"{path} must be an array of numbers; got {values.dtype}.")
@@ -121,31 +121,25 @@ def _axis(path: str, dim: str, values, args) -> Axis:
     return Axis(path, dim, values)
 
 
-def _is_key(values) -> bool:
-    return isinstance(values, jax.Array) and jnp.issubdtype(values.dtype, jax.dtypes.prng_key)
-
-
-def raw(values) -> np.ndarray:
-    """The values as a NumPy array; for PRNG keys their data."""
-    return np.asarray(jax.random.key_data(values)) if _is_key(values) else np.asarray(values)
-
-
 class PointRun(eqx.Module):
     """The run at one point of a sweep, as a function of args and of the values that vary."""
 
     run: Callable
     entries: tuple[tuple[str, ArgsEntry], ...] = eqx.field(static=True)
-    keys: tuple[str, ...] = eqx.field(static=True)  # paths of typed PRNG keys
+    keys: tuple[tuple[str, str], ...] = eqx.field(static=True)  # paths of typed PRNG keys, and their kinds
 
     @staticmethod
     def of(run: Callable, plan: SweepPlan, args: Any) -> "PointRun":
         """The lane of a run for the points of a plan."""
         own = tuple((axis.path, entry) for axis in plan.axes if (entry := entry_named(args, axis.path)))
-        return PointRun(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
+        keys = [(axis.path, axis.values) for axis in plan.axes if is_typed_key(axis.values)]
+        return PointRun(run, own, tuple((path, str(jax.random.key_impl(values))) for path, values in keys))
 
     def __call__(self, args, row: Mapping[str, Any]):
         """The result of the run with the values of `row` in place of those entries of args."""
-        row = {path: jax.random.wrap_key_data(value) if path in self.keys else value for path, value in row.items()}
+        row = dict(row)
+        for path, kind in self.keys:
+            row[path] = jax.random.wrap_key_data(row[path], impl=kind)
         for path, entry in self.entries:
             args = entry.placed(args, row.pop(path))
         return self.run(args, **row)

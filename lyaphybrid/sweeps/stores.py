@@ -84,7 +84,7 @@ def _create_empty(
             group.create_array(name, data=values, dimension_names=dims, compressors=None)
         for name, values in variables.items():
             group.create_array(
-                name, shape=values.shape, chunks=(min(chunk, len(values)), *values.shape[1:]), dtype=values.dtype,
+                name, shape=values.shape, chunks=_chunks(values.shape, chunk), dtype=values.dtype,
                 fill_value=_fill_value(values), dimension_names=("point", *dims_of(name, values.ndim - 1)),
                 compressors=None,
             )  # fmt: skip
@@ -99,8 +99,13 @@ def _create_empty(
         raise
 
 
+def _chunks(shape: tuple[int, ...], points: int) -> tuple[int, ...]:
+    """The shape of a chunk, each length at least 1; arrays may be empty, as the events of motions without any are."""
+    return tuple(max(1, length) for length in (min(points, shape[0]), *shape[1:]))
+
+
 def _fill_value(values: np.ndarray) -> Any:
-    return values.reshape(-1)[0].item()
+    return values.reshape(-1)[0].item() if values.size else np.zeros((), values.dtype).item()
 
 
 class Store:
@@ -134,7 +139,7 @@ class Store:
     def _is_sound(self, name: str, values: np.ndarray) -> bool:
         """Whether an array is as `_create_empty` makes it; a chunk then takes no more memory than it takes here."""
         array = self._array(name)
-        chunks = (min(self.chunk, len(values)), *values.shape[1:])
+        chunks = _chunks(values.shape, self.chunk)
         same = (array.shape, array.chunks, array.dtype) == (values.shape, chunks, values.dtype)
         return same and not array.compressors and not array.filters
 

@@ -17,6 +17,7 @@ from jax.extend.core import ClosedJaxpr
 from .._arguments import parameters, require, require_values, whole
 from .._jax.hashes import hash_of_arrays, hash_of_jaxpr
 from .._jax.jaxprs import needed
+from .._jax.tracing import without_key_type
 from .._keywords import explains_keywords, user_level
 from .._version import __version__
 from ..engine.host import devices
@@ -27,7 +28,7 @@ from ..statuses import STATUS
 from ..systems.validation import Call, check_signature, explained
 from .clusters import run_on
 from .outputs import NOTE_NAMES, dims_of, missing, named, outcome, spectra_in
-from .plans import EXTRAS, PointRun, Runnable, SweepPlan, plan, raw
+from .plans import EXTRAS, PointRun, Runnable, SweepPlan, plan
 from .stores import opened
 
 if TYPE_CHECKING:
@@ -331,9 +332,9 @@ def _warn_of_idle(jaxpr: ClosedJaxpr, paths: list[str]) -> None:
 def _hashes(jaxpr: ClosedJaxpr, args: Any, grid: SweepPlan) -> tuple[str, str]:
     """Two hashes: of the function with its args, and of these and the points."""
     arrays = jax.tree.leaves(eqx.filter(args, eqx.is_array_like))
-    leaves = {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(arrays)}
+    leaves = {f"args.{i}": without_key_type(leaf) for i, leaf in enumerate(arrays)}
     function = hash_of_arrays(leaves, begun=hash_of_jaxpr(jaxpr))
-    return function, hash_of_arrays({axis.path: raw(axis.values) for axis in grid.axes}, begun=function)
+    return function, hash_of_arrays({axis.path: without_key_type(axis.values) for axis in grid.axes}, begun=function)
 
 
 def _about(run, words: list[tuple[str, str, str]]) -> dict[str, str]:

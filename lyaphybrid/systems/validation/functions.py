@@ -87,7 +87,9 @@ def _signature(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> Any:
 def _kind(leaf: Any) -> tuple:
     if isinstance(leaf, np.ndarray | np.generic):
         return leaf.shape, leaf.dtype
-    return (leaf.shape, leaf.dtype, leaf.weak_type) if isinstance(leaf, jax.Array) else (type(leaf), leaf)
+    if isinstance(leaf, jax.Array):
+        return leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)  # keys have none
+    return type(leaf), leaf
 
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal
 
 from ..._jax.jaxprs import inside, is_call
-from ..._jax.tracing import traced
+from ..._jax.tracing import is_typed_key, traced
 
 __all__ = ["Beyond", "entry_beyond_the_end"]
 
@@ -64,8 +64,9 @@ def entry_beyond_the_end(closed: ClosedJaxpr, given: Sequence = ()) -> Beyond | 
 def _is_index(value) -> bool:
     """Whether it is known, and consists of integers or truth values."""
     array = hasattr(value, "__array__")  # those of JAX 0.8's constants are of a type of their own
-    good = (isinstance(value, int) or array) and not traced(value)
-    return good and getattr(np.result_type(value) if isinstance(value, int) else value.dtype, "kind", "") in "bui"
+    if traced(value) or is_typed_key(value) or not (isinstance(value, int) or array):
+        return False
+    return np.dtype(np.result_type(value) if isinstance(value, int) else value.dtype).kind in "bui"
 
 
 def _spread(a, shape, dimensions) -> np.ndarray:
