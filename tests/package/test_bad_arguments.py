@@ -190,6 +190,13 @@ def test_functions_that_return_something_else_are_named(message):
         lh.lyapunov_spectrum(system, [1.0, 2.0], t1=1.0, mode="up" if len(modes_of(system)) > 1 else None)
 
 
+def test_a_start_of_fewer_digits_than_the_field():
+    field = lh.Flow(lambda t, x, a: x.astype(jnp.float64))
+    message = "returned float64. Give x0 as float64, or"
+    with pytest.warns(UserWarning, match="x0 is float32"), pytest.raises(ValueError, match=message):
+        lh.lyapunov_spectrum(field, jnp.array([1.0, 2.0], jnp.float32), t1=1.0)
+
+
 def modes_of(system):
     return getattr(system, "mode_names", ("flow",))
 

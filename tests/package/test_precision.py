@@ -100,6 +100,14 @@ def test_as_in_float64(name):
     assert_allclose(got, wanted, rtol=DIGITS, atol=DIGITS * np.max(np.abs(wanted[np.isfinite(wanted)])))
 
 
+@pytest.mark.parametrize("method", [lh.RadauIIA(1e-4), lh.ESDIRK(rtol=1e-4)], ids=lambda method: type(method).__name__)
+def test_implicit_methods_with_a_start_in_float32(method):
+    with pytest.warns(UserWarning, match="x0 is float32"):  # while JAX computes in float64
+        found = lh.lyapunov_spectrum(lh.Flow(fading), jnp.array([1.0, 1.0], jnp.float32), t1=50.0, method=method)
+    assert found.exponents.dtype == jnp.float32
+    assert_allclose(found.exponents, [-0.13, -1.7], rtol=DIGITS)
+
+
 # Chaos forgets its digits: within standard errors of values from long runs in float64, and these errors small.
 CHAOTIC = {
     "Lorenz": (

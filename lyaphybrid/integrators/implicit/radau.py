@@ -33,7 +33,7 @@ STAGES = len(C)
 POWERS = C[:, None] ** np.arange(STAGES)  # Σ_j a_ij c_j^q = c_i^(q + 1) / (q + 1)
 A = (C[:, None] * POWERS / np.arange(1, STAGES + 1)) @ np.linalg.inv(POWERS)
 REAL_EIGENVALUES = [value.real for value in np.linalg.eigvals(np.linalg.inv(A)) if value.imag == 0]
-GAMMA = 1 / REAL_EIGENVALUES[0]
+GAMMA = float(1 / REAL_EIGENVALUES[0])
 # Weights of the error estimate at the stages: the quadrature of order 3, with γ at the start, minus that of order 5.
 # They apply to the increments h Σ a_ij w'_j of w from the start to the stages, so that no slopes are needed.
 ERROR_WEIGHTS = np.linalg.solve(A.T, np.linalg.solve(POWERS.T, [-GAMMA, 0.0, 0.0]))

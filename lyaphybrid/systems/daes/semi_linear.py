@@ -367,4 +367,4 @@ def parts_of(field: Any, n: int) -> tuple[Constrained, Any]:
     """A bound field as (`Constrained`, args); an ordinary field becomes one with E = I and no constraints."""
     if is_constrained(field):
         return field.field, field.args
-    return Constrained(lambda t, args: np.eye(n), lambda t, x, args: field(t, x), n), None
+    return Constrained(lambda t, args: np.eye(n, dtype=jnp.result_type(t)), lambda t, x, args: field(t, x), n), None

@@ -241,12 +241,22 @@ def _returns_state(name: str, function: Callable, x, given: str, *arguments) -> 
             f"The {name} must return an array of x's shape {x.shape}; it returned {described(result)}. "
             f"{_cure(result, call)}{order_of_arguments(call)}"
         )
-    cures = {"c": "Write the real and the imaginary part as two components", "f": "Leave out what makes it shorter"}
-    cure = cures.get(result.dtype.kind, "Write 1.0 for 1")
     _require(
         result.dtype == x.dtype,
-        f"The {name} must return {x.dtype}, the type of x; it returned {result.dtype}. {cure}.",
+        f"The {name} must return {x.dtype}, the type of x; it returned {result.dtype}. "
+        f"{_cure_of_type(result.dtype, x.dtype)}.",
     )
+
+
+def _cure_of_type(got, wanted) -> str:
+    """What to do about elements of another type than the state's."""
+    if got.kind == "c":
+        return "Write the real and the imaginary part as two components"
+    if got.kind != "f":
+        return "Write 1.0 for 1"
+    if got.itemsize > wanted.itemsize:
+        return f"Give x0 as {got}, or leave out what makes the result longer: some of args, an array that it closes over"
+    return "Leave out what makes it shorter"
 
 
 def _cure(result: Any, call: Call) -> str:
