@@ -36,7 +36,8 @@ NOTE_TEXTS = {
     "identity_reset": "a jump within a mode changes nothing: is its reset missing?",
     "step_too_long": "steps are too long to carry volumes as the flow does; take a shorter dt, or control='xY'",
     "unresolved": "the smallest exponents, or a loss, may be rounding: a column shrank so much that it may be lost or "
-    "only short; orthonormalise more often (every=…)",
+    "only short; orthonormalise more often (every=…); where that does not help, a direction shrank too much between "
+    "two losses",
 }
 
 UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk counts as rounding: e^25 ε = 2e-5 of it

@@ -247,7 +247,8 @@ def test_the_time_is_kept_in_twice_the_digits(start, step):
     settings = SimpleNamespace(evolver=SimpleNamespace(rebase=lambda solver, s: solver), observer=None)
     carry = states.StepState(
         s=jnp.asarray(step), x=nothing, frame=nothing, since=0, budget=7, status=0, jumps=3, growth=nothing + 1,
-        log_volume=jnp.asarray(2.0), losses=None, first_loss=None, order=jnp.asarray([1, 0]), solver_state=None,
+        log_volume=jnp.asarray(2.0), losses=None, first_loss=None, order=jnp.asarray([1, 0]), foreign=None,
+        solver_state=None,
         log=None, left=states.Compensation(jnp.asarray(1e-9), nothing + 1e-9, None),
     )  # fmt: skip
     state, exact = states.LoopState(carry, jnp.asarray([start, 0.0]), 0.0, 0, 1.0, 0.0), Fraction(start)

@@ -92,3 +92,24 @@ def test_a_body_put_to_rest_on_a_moving_table_forgets_its_past(t0):
     found = lh.lyapunov_spectrum(ball, start, args, mode="flight", t0=t0, t1=0.002, blocks=2)
     assert found.jumps == 1
     assert found.losses.tolist() == [1, 1]
+
+
+TURNED = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+
+
+@pytest.mark.parametrize(
+    ("period", "turned", "is_right"),
+    [(5.0, True, True), (60.0, False, True), pytest.param(100.0, True, False), pytest.param(100.0, False, True)],
+)
+def test_what_shrinks_between_rare_losses_is_flagged(period, turned, is_right):
+    """Exponents 0, −1, −∞: one neutral direction is forgotten at each tick, and rounding along it outgrows e^−t."""
+    basis = jnp.asarray(TURNED if turned else np.eye(3))
+    rates, kept = (
+        basis @ jnp.diag(jnp.array([0.0, 0.0, -1.0])) @ basis.T,
+        basis @ jnp.diag(jnp.array([1.0, 0, 1])) @ basis.T,
+    )
+    tick = lh.Transition(every=period, reset=lambda t, x, args: kept @ x)
+    spectrum = lh.lyapunov_spectrum(lh.Hybrid(lambda t, x, args: rates @ x, tick), [1.0, 1.0, 1.0], t1=1000.0)
+    assert ("unresolved" in spectrum.notes) == (period > 36.0)
+    if is_right:
+        assert_allclose(spectrum.exponents, [0.0, -1.0, -np.inf], atol=5e-3)

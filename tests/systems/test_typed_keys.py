@@ -50,8 +50,8 @@ def test_checkpoints(tmp_path, system, args):
         return lh.lyapunov_spectrum(system, X0, args, t1=40.0, checkpoint=tmp_path / "run", **options)
 
     assert_allclose(run().exponents, run(resume=True).exponents, rtol=0)
+    other = lh.Flow(lambda t, x, args: of_random_frequency(t, x, {"key": jax.random.key(4)}))
     with pytest.raises(ValueError, match="system, args or method"):
-        other = lh.Flow(lambda t, x, args: of_random_frequency(t, x, {"key": jax.random.key(4)}))
         lh.lyapunov_spectrum(other, X0, None, t1=40.0, checkpoint=tmp_path / "run", resume=True)
 
 

@@ -24,7 +24,13 @@ __all__ = ["IMPLICIT"]
 def _from_diffrax(solver: type, order: int) -> Tableau:
     table = solver.tableau
     return Tableau(
-        table.a_lower, table.b_sol, tuple(map(float, table.c)), (table.b_error,), order, table.fsal, float(table.a_diagonal[-1])
+        table.a_lower,
+        table.b_sol,
+        tuple(map(float, table.c)),
+        (table.b_error,),
+        order,
+        table.fsal,
+        float(table.a_diagonal[-1]),
     )
 
 

@@ -255,7 +255,9 @@ def _cure_of_type(got, wanted) -> str:
     if got.kind != "f":
         return "Write 1.0 for 1"
     if got.itemsize > wanted.itemsize:
-        return f"Give x0 as {got}, or leave out what makes the result longer: some of args, an array that it closes over"
+        return (
+            f"Give x0 as {got}, or leave out what makes the result longer: some of args, an array that it closes over"
+        )
     return "Leave out what makes it shorter"
 
 
