@@ -1,13 +1,12 @@
 """The state of the loop at the start of a run."""
 
-import math
-
 import jax
 import jax.numpy as jnp
 
 from .._jax.columns import each_column
-from .._jax.precision import eps, is_short
+from .._jax.precision import is_short
 from .._linalg import frames
+from .._linalg.foreign_shares import shares_of_none
 from ..statuses import RUNNING, STATUS
 from . import waiting
 from .orthonormalising import orthonormalise_and_accumulate
@@ -49,7 +48,7 @@ def initial_loop_state(settings: Settings, t0, x, frame, mode, h, interval) -> L
         losses=jnp.zeros(k, jnp.int32) if tracks else None,
         first_loss=jnp.full(k, jnp.nan, x.dtype) if tracks else None,
         order=jnp.arange(k, dtype=jnp.int32) if tracks else None,
-        foreign=jnp.full(k, math.log(eps(x)), x.dtype) if tracks else None,
+        foreign=shares_of_none(k, x) if tracks else None,
         solver_state=settings.evolver.init(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
         left=Compensation(zero, none, log_volume) if is_short(x) else None,

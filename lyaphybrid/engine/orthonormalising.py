@@ -1,14 +1,12 @@
 """Orthonormalise the frame, accumulate ln R_ii, and replace the columns that are lost."""
 
-import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._jax.precision import eps
-from .._linalg import frames, lost_directions
+from .._linalg import foreign_shares, frames, lost_directions
 from ..statuses import STATUS
 from .states import Clock, Orthonormalisation, Settings, StepState, added, select, stop
 
@@ -19,8 +17,6 @@ __all__ = [
     "orthonormalise",
     "step_with_twice_the_digits",
 ]
-
-LARGEST_SHARE = math.log(1e-3)  # of rounding along replaced columns, in a column that is none of them
 
 
 def needs_twice_the_digits(settings: Settings, clock: Clock, carry: StepState, ahead) -> bool:
@@ -53,7 +49,7 @@ def step_with_twice_the_digits(settings: Settings, clock: Clock, carry: StepStat
     found[1] = jnp.where(sane, found[1], 0.0)
     carry = stop(accumulate(settings, carry, clock.base + carry.s, found), STATUS.nonfinite, ~sane)
     interval = jnp.ones_like(interval) if settings.qr_schedule.automatic else interval
-    spread = jnp.where(sure & ~_is_foreign(carry), spread, jnp.inf)
+    spread = jnp.where(sure, _spread_with_losses(carry, spread), jnp.inf)
     carry = carry._replace(since=jnp.zeros_like(carry.since))
     return carry, evolver.propose_step(carry, clock), interval, spread
 
@@ -73,8 +69,7 @@ def orthonormalise(settings: Settings, clock: Clock, carry: StepState, ahead, in
     growth, left = select(sane, (carry.growth, carry.left), before)
     carry = stop(carry._replace(growth=growth, left=left), STATUS.nonfinite, ~sane)
     spread = jnp.maximum(spread, jnp.where(sane, seen, 0.0))
-    if carry.foreign is not None:
-        spread = jnp.where(_is_foreign(carry), jnp.inf, spread)
+    spread = _spread_with_losses(carry, spread)
     if settings.qr_schedule.automatic:
         # Growth varies, so intervals stay short: an iteration or a jump may stretch by any factor; for a step the error
         # control bounds it. Only with many bodies one jump changes little of the frame.
@@ -84,6 +79,11 @@ def orthonormalise(settings: Settings, clock: Clock, carry: StepState, ahead, in
         wanted = jax.lax.stop_gradient(wanted)
         interval = jnp.where(full | (wanted < interval), jnp.clip(jnp.floor(wanted), 1.0, longest), interval)
     return carry._replace(since=jnp.zeros_like(carry.since)), ahead, interval, spread
+
+
+def _spread_with_losses(carry: StepState, spread):
+    """The spread; infinite where a column has become rounding along columns that replace lost ones."""
+    return spread if carry.foreign is None else jnp.where(foreign_shares.is_foreign(carry.foreign), jnp.inf, spread)
 
 
 def orthonormalise_and_accumulate(
@@ -125,7 +125,7 @@ def accumulate(
         carry = carry._replace(observer=settings.observer.update(carry.observer, seen))
     carry = added(carry._replace(frame=frame), growth=log_r)
     if carry.foreign is not None:
-        carry = carry._replace(foreign=_foreign_share(carry.foreign, log_r, lost))
+        carry = carry._replace(foreign=foreign_shares.shares_after(carry.foreign, log_r, lost))
     if not tracked:
         return carry
     live, lost = ~lost, lost & was_live
@@ -149,21 +149,3 @@ def accumulate(
         )
 
     return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live)
-
-
-def _foreign_share(before, log_r, lost):
-    """`StepState.foreign` after an orthonormalisation.
-
-    Rounding leaves in each column a share ε along the columns that replace lost ones. Where these grow faster, so does
-    the share, until the column is one of them: the next loss would take it, and not them.
-    """
-    replaced = jnp.isinf(before)
-    ahead = jnp.max(jnp.where(replaced & ~lost, log_r, -jnp.inf), initial=-jnp.inf)
-    return jnp.where(replaced, jnp.inf, jnp.maximum(before + ahead - log_r, math.log(eps(log_r))))
-
-
-def _is_foreign(carry: StepState):
-    """Whether a column may be mostly rounding along columns that replace lost ones."""
-    if carry.foreign is None:
-        return False
-    return jnp.any((carry.foreign > LARGEST_SHARE) & jnp.isfinite(carry.foreign))

@@ -48,6 +48,25 @@ def test_a_saddle_between_two_wells():
     assert edge.rate == pytest.approx(growing, abs=1e-4)
 
 
+@pytest.mark.parametrize("settle", [60.0, 3000.0])
+def test_a_generous_time_to_settle_changes_nothing(settle):
+    """X' = x − x³ + 0.1 between its wells: the rate 1 − 3x² at the middle rest, however far apart samples would be."""
+    tilted = lh.Flow(lambda t, x, args: x - x**3 + 0.1)
+    found = lh.basins(tilted, [[-1.5], [1.5]], shape=(50,), t1=60.0)
+    edge = lh.edge_state(tilted, found, t1=20.0, settle=settle)
+    middle = np.sort(np.roots([-1, 0, 1, 0.1]).real)[1]
+    assert edge.rate == pytest.approx(1 - 3 * middle**2, abs=1e-4)
+    assert_allclose(edge.x[-1], middle, atol=1e-4)
+    assert_array_equal(edge.resume(60.0).x, lh.edge_state(tilted, found, t1=60.0, settle=settle).x)
+
+
+def test_a_pair_that_parts_within_a_period_is_refused():
+    steep = lh.Map(lambda n, x, args: jnp.clip(1e8 * x, -1.0, 1.0))
+    found = lh.basins(steep, [[-1.3], [1.2]], shape=(50,), t1=100)
+    with pytest.raises(ValueError, match="part within one period"):
+        lh.edge_state(steep, found, t1=10, settle=20)
+
+
 @pytest.mark.slow
 def test_an_unstable_cycle_beside_a_wall():
     """From its end `floquet` finds the cycle, whose multiplier is what the pair parted by."""

@@ -1,5 +1,6 @@
 """`edge_state`: the motion on the boundary between two basins, to which neither side leads."""
 
+import dataclasses
 import functools
 import warnings
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from ...results.resuming import Resumable
 from ...statuses import OK, STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, Basins
@@ -30,6 +32,8 @@ STARTS_BETWEEN = 15  # starts between two that are told apart at once
 UNEVEN_BY = 0.382  # of the distance of two of them: by so much all are moved where none tells the two sides apart
 CLOSE_PAIR, PARTED_PAIR = 1e-9, 1e-4  # distances of the pair, relative to the scale of the attractors
 SAMPLES_OF_PAIR = 16  # samples of the pair in one run
+FAR_PAIR, SUDDEN = 1e-2, 100.0  # a pair that is so far apart, and that much farther than a sample before, is seen late
+CLOSER, MOST_CLOSER = 4.0, 6  # samples are then so much closer, so many times at most
 
 
 class EdgeState(Resumable, Result, eqx.Module):
@@ -180,8 +184,8 @@ def edge_state(
     gap, transient = gap_and_transient(system, settle, period)
     sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype)
 
-    def run(t: float, mode, rows, before: float, samples: int) -> Sampled:
-        seen = sampling(rows, t, mode, before, samples)
+    def run(t: float, mode, rows, before: float, samples: int, gap: float = gap) -> Sampled:
+        seen = dataclasses.replace(sampling, gap=gap)(rows, t, mode, before, samples)
         if np.any(seen.status == STATUS.interrupted):  # of half a pair nothing can be told
             raise KeyboardInterrupt
         return seen
@@ -190,16 +194,22 @@ def edge_state(
         points, modes, status = run(t, mode, rows, transient, LAST_SAMPLES)
         return np.where(status == OK, arrived(points, modes, found.metric, found.attractors), -1)
 
-    along = _Along(run, classes, between, gap, found.metric, float(t0), labels_of(system, problem.shape))
-    return along.followed(_Way(_Straddling(float(t0), mode, start), (), ()), t1)
+    forced = period is not None or iterates(system)
+    along = _Along(run, classes, between, forced, found.metric, float(t0), labels_of(system, problem.shape))
+    return along.followed(_Way(_Straddling(float(t0), mode, start), (), (), gap, 0), t1)
 
 
 class _Way(NamedTuple):
-    """Where the pair is, the points on the way there, and by how much it has parted (ln) in what time, each round."""
+    """Where the pair is, the points on the way there, and by how much it has parted (ln) in what time, each round.
+
+    Samples are `gap` apart, after they were made closer `finer` times.
+    """
 
     pair: _Straddling
     path: tuple[tuple[float, np.ndarray, Any], ...]
     rates: tuple[tuple[float, float], ...]
+    gap: float
+    finer: int
 
 
 class _Along(NamedTuple):
@@ -208,7 +218,7 @@ class _Along(NamedTuple):
     run: Callable
     classes: Callable
     between: tuple[int, int]
-    gap: float
+    forced: bool  # samples are a period apart
     metric: Metric
     t0: float
     labels: Labels
@@ -219,14 +229,29 @@ class _Along(NamedTuple):
             while not way.path or way.path[-1][0] < self.t0 + float(t1):
                 pair = _together(way.pair, self.between, self.classes, self.metric)
                 first = (pair.t, np.mean(pair.x, axis=0), pair.mode)
-                pair, later, rate = _parted(pair, self.run, self.gap, self.metric)
-                way = _Way(pair, (*way.path, first, *later), (*way.rates, rate))
+                way, pair, later, rate = self._followed_to_the_end(way, pair)
+                way = way._replace(pair=pair, path=(*way.path, first, *later), rates=(*way.rates, rate))
         except KeyboardInterrupt:
             if not way.path:
                 raise
             reached = way.path[-1][0] - self.t0
             warnings.warn(f"interrupted at {reached:.6g} of {float(t1):.6g}: .resume goes on.", stacklevel=user_level())
         return self._as_result(way)._resumed_by(functools.partial(self._again, way))
+
+    def _followed_to_the_end(self, way: _Way, together: _Straddling):
+        """The pair until it has parted, with samples close enough to see it part; the way with their gap."""
+        while True:
+            pair, later, rate, in_time = _parted(together, self.run, way.gap, self.metric)
+            if in_time or (way.finer == MOST_CLOSER and not self.forced):  # for good: a jump parts them so suddenly
+                return way, pair, later, rate
+            require(
+                not self.forced or bool(later),
+                f"Two motions beside the boundary part within one period from t = {together.t:g} on: nothing of it can "
+                "be seen. Its orbit may be found by lh.floquet, from a start near the boundary.",
+            )
+            if self.forced:
+                return way, pair, later, rate
+            way = way._replace(gap=way.gap / CLOSER, finer=way.finer + 1)
 
     def _again(self, way: _Way, found: EdgeState, t1: Real) -> EdgeState:
         reached = float(found.t[-1]) - self.t0
@@ -285,11 +310,17 @@ def _together(pair: _Straddling, between: tuple[int, int], classes: Callable, me
     return pair._replace(x=np.stack([a, b]))
 
 
-def _parted(pair: _Straddling, run: Callable, gap: float, metric) -> tuple[_Straddling, list, tuple[float, float]]:
-    """The pair after it has parted; the points between them on the way; by how much they parted (ln), in what time."""
+def _parted(
+    pair: _Straddling, run: Callable, gap: float, metric
+) -> tuple[_Straddling, list, tuple[float, float], bool]:
+    """The pair after it has parted; points between them on the way; by how much they parted (ln), and in what time.
+
+    The last result is whether that was seen in time: not only when they were far apart.
+    """
     first, begun, path = float(_distance(pair.x, metric)), pair.t, []
+    last = first
     while True:
-        points, modes, _ = run(pair.t, pair.mode, pair.x, 0.0, SAMPLES_OF_PAIR)
+        points, modes, _ = run(pair.t, pair.mode, pair.x, 0.0, SAMPLES_OF_PAIR, gap)
         apart = _distance(points, metric)
         alike = (modes[0] == modes[1]) & np.isfinite(apart)  # else one has jumped to another mode
         require(bool(np.any(alike)), f"No two motions at the boundary are in one mode from t = {pair.t:g} on.")
@@ -303,6 +334,8 @@ def _parted(pair: _Straddling, run: Callable, gap: float, metric) -> tuple[_Stra
                     continue
             here = _Straddling(now, None if pair.mode is None else modes[0, k], points[:, k])
             if apart[k] > PARTED_PAIR:
-                return here, path, (float(np.log(apart[k] / first)), now - begun)
+                in_time = apart[k] <= max(FAR_PAIR, SUDDEN * last)
+                return here, path, (float(np.log(apart[k] / first)), now - begun), bool(in_time)
+            last = float(apart[k])
             path.append((now, np.mean(points[:, k], axis=0), here.mode))
         pair = here

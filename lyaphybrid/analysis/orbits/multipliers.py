@@ -7,13 +7,15 @@ import numpy as np
 
 from ..._jax.precision import digits
 from ..._linalg import frames
+from ..._linalg.foreign_shares import is_foreign, shares_after, shares_of_none
 from ..._linalg.products import even_units, in_units, product_eigenvalues
 from ...errors import RunFailedError
+from ...systems.event_driven import EventDriven
 from ...systems.smooth import Map
 from .motion.motions import Motion, MotionPiece
 from .shooting import OrbitIterate
 
-__all__ = ["matrices_of", "multipliers_of", "stability_of"]
+__all__ = ["growths_of", "matrices_of", "multipliers_of", "stability_of"]
 
 CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
 DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value means linear dependence
@@ -22,6 +24,7 @@ DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value me
 NOTHING_LEFT, HARDLY_LEFT = 2e-15, 1e-9
 MUCH_LEFT = 1e-4  # where the flow leaves so much, what is lost in an equal time was lost by a jump
 MOST_HALVINGS = 9  # of a piece
+TURNS_TO_SETTLE = 2  # after which columns are those of the multipliers, in the order of their sizes
 CLEAR_OF_EVENTS = 0.02  # of a piece: distance of its cut from events
 
 
@@ -31,6 +34,7 @@ class OrbitMultipliers(NamedTuple):
     values: np.ndarray  # (free,), the largest first
     logs: np.ndarray  # (free,) ln|·|, of those too small for a number, too; −inf: the orbit destroys the direction
     deciding: np.ndarray  # those that are not 1 by necessity
+    unsure: bool  # whether a direction that counts as destroyed may only be short
 
 
 def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
@@ -44,23 +48,27 @@ def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
 
 def _cut(flow: Motion, piece: MotionPiece, units: np.ndarray, halvings: int, mild: bool) -> list[np.ndarray]:
     """The derivatives of the parts of a piece; `mild`: the flow beside it contracts little in an equal time."""
-    left = _left_of(piece, units)
-    by_jump = left <= NOTHING_LEFT and (mild or _is_bound(flow, piece))
+    sizes = _left_of(piece, units)
+    left, alone = sizes[-1], bool(np.all(sizes[:-1] >= HARDLY_LEFT))
+    by_jump = left <= NOTHING_LEFT and (mild or alone and _is_bound(flow, piece))
     if left >= HARDLY_LEFT or by_jump or not halvings:
         return [piece.matrix]
     halves = _halves(flow, piece)
-    mild = any(not half.jumps and _left_of(half, units) > MUCH_LEFT for half in halves)
+    mild = any(not half.jumps and _left_of(half, units)[-1] > MUCH_LEFT for half in halves)
     parts = [_cut(flow, half, units, halvings - 1, mild and half.jumps > 0) for half in halves]
     return [one for part in parts for one in part] or [piece.matrix]
 
 
-def _left_of(piece: MotionPiece, units: np.ndarray) -> float:
-    """What a piece leaves of each direction: of its length, and beside what it stretches; 1 where it is not finite."""
+def _left_of(piece: MotionPiece, units: np.ndarray) -> np.ndarray:
+    """What a piece leaves of its directions, the least last: of their lengths, and beside what it stretches.
+
+    It is 1 where the piece is not finite.
+    """
     matrix = in_units(piece.matrix, units)
     if not len(matrix) or not np.all(np.isfinite(matrix)):
-        return 1.0
+        return np.ones(1)
     sizes = np.linalg.svd(matrix, compute_uv=False)
-    return float(sizes[-1] / max(1.0, sizes[0]))
+    return sizes / max(1.0, sizes[0])
 
 
 def _is_bound(flow: Motion, piece: MotionPiece) -> bool:
@@ -112,14 +120,38 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
     found, logs = product_eigenvalues(matrices) if len(matrices[0]) else (np.zeros(0, complex), np.zeros(0))
     order, n = np.argsort(-logs, kind="stable"), len(found)
     found, logs = found[order][: free - ones], logs[order][: free - ones]
-    lost = n - _destroyed(matrices)
+    destroyed, unsure = _destroyed(matrices)
+    lost = n - destroyed
     found[lost:], logs[lost:] = 0.0, -np.inf
     if ones:
         together, logs = np.concatenate([np.ones(ones, complex), found]), np.concatenate([np.zeros(ones), logs])
         order = np.argsort(-logs, kind="stable")
-        return OrbitMultipliers(together[order], logs[order], found)
+        return OrbitMultipliers(together[order], logs[order], found, unsure)
     others = np.delete(found, np.argmin(np.abs(found - 1))) if autonomous else found
-    return OrbitMultipliers(found, logs, others)
+    return OrbitMultipliers(found, logs, others, unsure)
+
+
+def growths_of(flow: Motion, orbit: OrbitIterate) -> np.ndarray | None:
+    """(n,) ln|·| of the multipliers, the largest first, where the orbit is smooth and destroys nothing; else None.
+
+    However much a piece contracts: columns are orthonormalised at each step or so, and settle within turns. The fastest
+    decay follows from the divergence, so that no step has to resolve it. All nan where the others take too many steps.
+    """
+    n = len(orbit.nodes[0].x)
+    jumps = sum(piece.jumps for piece in orbit.pieces)
+    if jumps or flow.symmetry is not None or isinstance(flow.problem.system, Map | EventDriven):
+        return None
+    if n < 2 or any(_is_bound(flow, piece) for piece in orbit.pieces):
+        return None
+    frame, growth, volume = np.eye(n, n - 1, dtype=orbit.nodes[0].x.dtype), np.zeros(n - 1), 0.0
+    for turn in range(TURNS_TO_SETTLE + 1):
+        for piece in orbit.pieces:
+            frame, gained, more = flow.growth(piece.start, piece.length, frame)
+            if np.isnan(more):
+                return np.full(n, np.nan)
+            if turn == TURNS_TO_SETTLE:
+                growth, volume = growth + gained, volume + more
+    return np.sort(np.append(growth, volume - np.sum(growth)))[::-1]
 
 
 def _direction_of_product(product: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -128,14 +160,14 @@ def _direction_of_product(product: np.ndarray, matrix: np.ndarray) -> np.ndarray
     return product / (np.max(np.abs(product), initial=0.0) or 1.0)
 
 
-def stability_of(others: np.ndarray, like) -> str:
-    """The stability from the multipliers that are not 1 by necessity."""
+def stability_of(others: np.ndarray, like, isolated: bool) -> str:
+    """The stability from the multipliers that are not 1 by necessity; `isolated`: of an orbit in no family."""
     near = digits(CIRCLE, like)
     sizes = np.abs(others)
     if np.any(sizes > 1 + near):
         return "unstable"
     on = others[sizes >= 1 - near]
-    if len(others) and not len(on):
+    if not len(on) and (len(others) or isolated):  # with one component a motion that returns is attracted at once
         return "stable"
     return "elliptic" if len(on) and np.all(np.abs(np.imag(on)) > near) else "neutral"
 
@@ -156,27 +188,39 @@ def _divided(matrices: list[np.ndarray], known: np.ndarray) -> tuple[list[np.nda
     return divided, ones
 
 
-def _destroyed(matrices: list[np.ndarray]) -> int:
-    """The number of directions that the orbit destroys, over up to n turns.
+def _destroyed(matrices: list[np.ndarray]) -> tuple[int, bool]:
+    """The number of directions that the orbit destroys, over up to n turns, and whether it is unsure.
 
     Each piece is judged by itself, like a jump in `frames`: over a whole period contraction alone may reach the size of
-    rounding, within one piece it must not.
+    rounding, within one piece it must not. What is left may become rounding beside what was destroyed, as in the loop.
     """
     n = len(matrices[0])
-    columns = np.eye(n)
+    columns, gone, unsure = np.eye(n), np.zeros(n, bool), False
+    shares = shares_of_none(n, columns, np)
     for matrix in matrices * n:
-        moved = matrix @ columns
         scale = digits(frames.LOST, matrix) * max(1.0, float(np.max(np.abs(matrix))))
-        columns = _independent(moved, scale)
-    return int(np.sum(np.all(columns == 0, axis=0)))
+        columns, lengths = _independent(matrix @ columns, scale)
+        lost = lengths == 0
+        shares = shares_after(shares, np.log(np.where(lost, 1.0, lengths)), lost, np)
+        unsure = unsure or bool(is_foreign(shares, np))
+        order = np.argsort(lost, kind="stable")  # new directions come after what is left
+        gone = (gone | lost)[order]
+        columns, shares = _completed(columns[:, order], n - int(np.sum(lost))), np.where(gone, np.inf, shares[order])
+    return int(np.sum(gone)), unsure
 
 
-def _independent(columns: np.ndarray, scale: float) -> np.ndarray:
-    """Orthonormal columns; zero where a column depends on those before it."""
-    out = np.zeros_like(columns)
+def _independent(columns: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal columns and their lengths; zero where a column depends on those before it."""
+    out, lengths = np.zeros_like(columns), np.zeros(columns.shape[1])
     for j, column in enumerate(columns.T):
         for _ in range(2):
             column = column - out @ (out.T @ column)
         length = np.linalg.norm(column)
-        out[:, j] = column / length if length > scale else 0.0
-    return out
+        if length > scale:
+            out[:, j], lengths[j] = column / length, length
+    return out, lengths
+
+
+def _completed(columns: np.ndarray, count: int) -> np.ndarray:
+    """The first `count` columns, which are orthonormal, and others that complete the basis."""
+    return np.concatenate([columns[:, :count], np.linalg.svd(columns[:, :count])[0][:, count:]], axis=1)

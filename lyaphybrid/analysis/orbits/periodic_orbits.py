@@ -36,7 +36,7 @@ from .families import energy_moved, family_of
 from .motion.invariants import conserved_of, require_conserved
 from .motion.motions import Motion, Node, sized
 from .motion.returns import close_return, least_period
-from .multipliers import matrices_of, multipliers_of, stability_of
+from .multipliers import growths_of, matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .points import at_start, nearest
 from .shooting import OrbitIterate, newton, placed
@@ -62,11 +62,11 @@ class Floquet(RunResult, eqx.Module):
         period: T.
         multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way. Of
             an `lh.DAE` there are n_differential.
-        exponents: (n,) ln|μ|/T, descending; -inf where μ = 0.
+        exponents: (n,) ln|μ|/T, descending, also of a μ too small for a number; -inf where a direction is destroyed.
         stability: from all multipliers except those that are 1 by necessity, along the flow of an autonomous system,
             along a family and along a group: "stable" (all are inside the unit circle), "unstable" (one is outside),
-            "elliptic" (those on it are complex), "neutral" (one on it is real, or there are no others), "unknown" where
-            no orbit was found.
+            "elliptic" (those on it are complex), "neutral" (one on it is real; or a family has no others), "unknown"
+            where no orbit was found.
         residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit; inf where it is no orbit: the
             mode after T differs, or an autonomous system does not map its velocity to itself.
         monodromy: (n, n), dx(T)/dx(0) at a point of the orbit that may be another than x0, away from events.
@@ -77,7 +77,9 @@ class Floquet(RunResult, eqx.Module):
         family: number of parameters of the family of orbits around this one, whatever `conserve` is: 0 for an isolated
             orbit, 1 where an energy is conserved.
         notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start), "beyond_guard"
-            (the orbit lies on the fired side of a directed guard, and never fires it: as a start there does).
+            (the orbit lies on the fired side of a directed guard, and never fires it: as a start there does),
+            "unresolved" (a direction contracts so much that it cannot be told from one that is destroyed: its exponent
+            may be wrong, or is nan).
         status: an `lh.STATUS`: ok; no_orbit where Newton's method did not arrive at an orbit; where the motion from the
             start failed, how it ended.
 
@@ -135,6 +137,8 @@ class Floquet(RunResult, eqx.Module):
             lines.append(
                 "it lies beyond a guard that it never fires, on the fired side, as the motion from the start does"
             )
+        if "unresolved" in self.notes:
+            lines.append("unresolved: a direction contracts so much that it may be destroyed or only be short")
         lines.append(f"status {self.status}")
         what = "No periodic orbit" if self.status.failed else "Periodic orbit"
         unit = self.state_labels.time_unit
@@ -405,16 +409,20 @@ def floquet_of(
         matrices[-1] = np.linalg.solve(flow.symmetry.image(base.x, orbit.shift).by_state, matrices[-1])
     known = in_any_case(flow, orbit, autonomous, family)
     # Constraints leave fewer than n directions; the others do not count as destroyed by the orbit.
-    multipliers, logs, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
+    found = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
+    logs, unsure = found.logs, found.unsure
+    if np.any(hidden := np.isneginf(logs)) and (growths := growths_of(flow, orbit)) is not None:
+        logs = np.where(hidden, growths[-len(logs) :], logs)
+        unsure = bool(np.any(np.isnan(logs)))
     good = not autonomous or (goes_along(flow, orbit) and not rests(flow, orbit))
     good = good and repeats(flow, orbit)
     residual = orbit.residual if good else np.inf
     return Floquet(
         x0=as_jax(point.x),
         period=orbit.period,
-        multipliers=as_jax(multipliers),
+        multipliers=as_jax(found.values),
         exponents=as_jax(logs / orbit.period),
-        stability=stability_of(others, base.x),
+        stability=stability_of(found.deciding, base.x, isolated=not known.shape[1]),
         residual=residual,
         monodromy=as_jax(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
         base=(base.t, as_jax(base.x), flow.mode(base)),
@@ -423,6 +431,7 @@ def floquet_of(
         shift=as_jax(np.asarray(orbit.shift)),
         family=family.shape[1],
         notes=frozenset({"family"} if family.shape[1] else ())
-        | ({BEYOND_GUARD} if guards_passed(flow, orbit.pieces) else set()),
+        | ({BEYOND_GUARD} if guards_passed(flow, orbit.pieces) else set())
+        | ({"unresolved"} if unsure else set()),
         status_code=STATUS.ok if residual <= digits(CONVERGED, base.x) else STATUS.no_orbit,
     )
