@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arguments import Real, State, attempts, numbers, positive, require
+from .._arguments import Real, State, attempts, numbers, positive, require, require_values
 from .._text import as_text
 from ..analysis.spectra import lyapunov_spectrum
 from ..analysis.trajectories import Trajectory
@@ -200,6 +200,7 @@ def explore(
         [0.5, 1.5]
     """
     attempts(max_steps)
+    require_values("explore", x0, args, t1)
     if isinstance(system, Problem):
         x0, args = system.x0 if x0 is None else x0, system.args if args is None else args
         mode, method = system.mode if mode is None else mode, system.method if method is None else method

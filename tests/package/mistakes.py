@@ -422,6 +422,10 @@ ARGUMENTS = {
         functools.partial(jax.grad(lambda k: lh.floquet(DAMPED, PAIR, POINT | {"k": k}, period=1.0).exponents[0]), 1.0),
         ("decides from values", "lh.lyapunov_gradient"),
     ),
+    "check under jit": Mistake(
+        functools.partial(jax.jit(lambda k: len(lh.check(DAMPED, PAIR, POINT | {"k": k}).findings)), 1.0),
+        ("check decides from values", "Call it outside"),
+    ),
     "figure of another name": Mistake(
         lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot.time(),
         ("no figure 'time'", ".plot(), .plot.phase()", ".raster()"),

@@ -33,7 +33,7 @@ UNEVEN_BY = 0.382  # of the distance of two of them: by so much all are moved wh
 CLOSE_PAIR, PARTED_PAIR = 1e-9, 1e-4  # distances of the pair, relative to the scale of the attractors
 SAMPLES_OF_PAIR = 16  # samples of the pair in one run
 FAR_PAIR, SUDDEN = 1e-2, 100.0  # a pair that is so far apart, and that much farther than a sample before, is seen late
-CLOSER, MOST_CLOSER = 4.0, 6  # samples are then so much closer, so many times at most
+CLOSER_BY, MOST_TIMES_CLOSER = 4.0, 6  # samples are then so much closer, so many times at most
 
 
 class EdgeState(Resumable, Result, eqx.Module):
@@ -242,7 +242,9 @@ class _Along(NamedTuple):
         """The pair until it has parted, with samples close enough to see it part; the way with their gap."""
         while True:
             pair, later, rate, in_time = _parted(together, self.run, way.gap, self.metric)
-            if in_time or (way.finer == MOST_CLOSER and not self.forced):  # for good: a jump parts them so suddenly
+            if in_time or (
+                way.finer == MOST_TIMES_CLOSER and not self.forced
+            ):  # for good: a jump parts them so suddenly
                 return way, pair, later, rate
             require(
                 not self.forced or bool(later),
@@ -251,7 +253,7 @@ class _Along(NamedTuple):
             )
             if self.forced:
                 return way, pair, later, rate
-            way = way._replace(gap=way.gap / CLOSER, finer=way.finer + 1)
+            way = way._replace(gap=way.gap / CLOSER_BY, finer=way.finer + 1)
 
     def _again(self, way: _Way, found: EdgeState, t1: Real) -> EdgeState:
         reached = float(found.t[-1]) - self.t0

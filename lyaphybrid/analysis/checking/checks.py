@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..._arguments import Real, State, positive, require
+from ..._arguments import Real, State, positive, require, require_values
 from ..._jax.engines import for_once
 from ..._jax.precision import CURE, is_short
 from ..._jax.tracing import as_jax
@@ -88,6 +88,7 @@ def check(
         >>> report.ok, report.notes[0].topic  # the reset does not turn the velocity around
         (False, 'jumps')
     """
+    require_values("check", x0, args, t1, t0)
     if t1 is not None:
         positive("t1, a length of time,", t1)
     with warnings.catch_warnings():

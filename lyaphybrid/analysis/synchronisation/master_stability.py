@@ -264,7 +264,7 @@ def _at_each(lane: _OneStrength, shared, at, progress):
 def _strengths(at) -> Any:
     """α as an array (m,)."""
     if traced(at):
-        return jnp.atleast_1d(at)
+        return jnp.atleast_1d(jnp.asarray(at))
     given = np.atleast_1d(np.asarray(at))
     good = given.ndim == 1 and given.size and given.dtype.kind in "iufc" and np.all(np.isfinite(given))
     require(bool(good), f"at must be one or several finite numbers, real or complex, shape (m,); got {at!r}.")
