@@ -3,8 +3,10 @@
 The i-th exponent has the same colour in every figure. On dark axes black and the greys are mirrored.
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+import functools
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 else:
     Axes: TypeAlias = Any  # matplotlib takes long to import: only where a figure is drawn
+
+Inputs = ParamSpec("Inputs")
+Drawn = TypeVar("Drawn")
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 VARIES = 1e-6  # a component varies by more than this part of its size
@@ -40,6 +45,27 @@ class Figures:
         named = [f".plot.{known}()" for known in dir(type(self)) if not known.startswith("_")]
         motion = " The motion is drawn by lh.trajectory(…).plot()." if name in ("trajectory", "motion", "phase") else ""
         raise AttributeError(f"There is no figure {name!r} of this result; it has .plot(), {', '.join(named)}.{motion}")
+
+
+def drawn_whole(draw: Callable[Inputs, Drawn]) -> Callable[Inputs, Drawn]:
+    """A function that draws; where it fails it leaves no empty figure, which a notebook would show."""
+
+    @functools.wraps(draw)
+    def call(*args: Inputs.args, **kwargs: Inputs.kwargs) -> Drawn:
+        before = _open_figures()
+        try:
+            return draw(*args, **kwargs)
+        except BaseException:
+            for number in _open_figures() - before:
+                sys.modules["matplotlib.pyplot"].close(number)
+            raise
+
+    return call
+
+
+def _open_figures() -> set[int]:
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    return set(pyplot.get_fignums()) if pyplot else set()
 
 
 def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:

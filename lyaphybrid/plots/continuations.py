@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .._text import per_unit
-from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled, varying
+from .axes import COLOURS, Axes, axes_of, both_axes, component, drawn_whole, ink, styled, varying
 from .sweep_arrays import label
 
 __all__ = ["continuation", "curves"]
@@ -45,6 +45,7 @@ MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
 BRANCH_COLOURS = (COLOURS[0], None, COLOURS[5])  # colours of branches, used cyclically; None: grey
 
 
+@drawn_whole
 def continuation(
     branches: Any, axes: Sequence[Axes] | None = None, i: int | None = None, **style: Any
 ) -> Sequence[Axes]:
@@ -114,6 +115,7 @@ def _marks(axes, branch, i: int) -> None:
             lower.plot(special.parameter, 0.0, **style)
 
 
+@drawn_whole
 def curves(found: Any, ax: Axes | None = None, **style: Any) -> Axes:
     """Bifurcation curves in the plane of their parameters, alone or over a map of a sweep.
 

@@ -8,7 +8,7 @@ import numpy as np
 from .. import _renamed as renamed
 from .._text import per_unit, with_unit
 from ..statuses import OK, STATUS
-from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled, varying
+from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, drawn_whole, ink, styled, varying
 from .sweep_arrays import edges
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ DOTS = {"random": (None, 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7
 NAMES = {"random": "random starts", "up": "followed up", "down": "followed down"}
 
 
+@drawn_whole
 def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> Axes:
     """The points of a Poincaré section: component j against i (with one component, the next point against each).
 
@@ -67,6 +68,7 @@ def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1, **style
     return ax
 
 
+@drawn_whole
 def bifurcations(result: Any, ax: Axes | None = None, i: int | None = None, **style: Any) -> Axes:
     """The last points of every run against the parameter; angles from −π to π.
 
@@ -112,6 +114,7 @@ def bifurcations(result: Any, ax: Axes | None = None, i: int | None = None, **st
     return ax
 
 
+@drawn_whole
 def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
     """The largest exponent of every run against the parameter, with error bars of one standard error.
 
@@ -168,6 +171,7 @@ def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
     return ax
 
 
+@drawn_whole
 def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int | None = None, **style: Any) -> Sequence[Axes]:
     """The points of a bifurcation diagram, and below them the largest exponent.
 
@@ -237,6 +241,7 @@ class DiagramPlots(Figures):
         return largest_exponent(self._result, ax, **style)
 
 
+@drawn_whole
 def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
     """The classes of starts over a grid of two components; what is no attractor is grey.
 
@@ -282,6 +287,7 @@ def _of_classes(names: Sequence[str], ax: Axes) -> list:
     return [*colours(count, ax), *(str(0.35 + 0.5 * i / max(1, others)) for i in range(others))]
 
 
+@drawn_whole
 def basin_shares(found: "BasinShares", ax: Axes | None = None, **style: Any) -> Axes:
     """The parts of a box that lead to each attractor along a parameter, one above the other; others are grey.
 
@@ -314,6 +320,7 @@ def basin_shares(found: "BasinShares", ax: Axes | None = None, **style: Any) -> 
     return ax
 
 
+@drawn_whole
 def ftle_field(found: "FTLEField", ax: Axes | None = None, exponent: int = 1, **style: Any) -> Axes:
     """A finite-time exponent over a grid of two components, with a colour bar; where a run failed the axes show.
 
@@ -345,6 +352,7 @@ def ftle_field(found: "FTLEField", ax: Axes | None = None, exponent: int = 1, **
     return ax
 
 
+@drawn_whole
 def angle_field(found: "AngleField", ax: Axes | None = None, within: float = 1e-3, **style: Any) -> Axes:
     """Angles between covariant vectors over a grid of two components, with a colour bar.
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, both_axes, colours, ink, styled, time_label
+from .axes import COLOURS, Axes, both_axes, colours, drawn_whole, ink, styled, time_label
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ __all__ = ["alignment", "angles", "growth", "intervals"]
 PAIRS = 6  # angles that are drawn of covariant vectors
 
 
+@drawn_whole
 def alignment(found: "GALIResult", ax: Axes | None = None, **style: Any) -> Axes:
     """GALI_k or SALI against time, both logarithmic; values below the smallest float are drawn from their logarithms.
 
@@ -52,6 +53,7 @@ def alignment(found: "GALIResult", ax: Axes | None = None, **style: Any) -> Axes
     return ax
 
 
+@drawn_whole
 def growth(found: "IndicatorResult", ax: Axes | None = None, **style: Any) -> Axes:
     """MEGNO with its mean, FLI, OFLI or OFLI2 against time.
 
@@ -85,6 +87,7 @@ def growth(found: "IndicatorResult", ax: Axes | None = None, **style: Any) -> Ax
     return ax
 
 
+@drawn_whole
 def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None, **style: Any) -> Sequence[Axes]:
     """Running averages and averages over windows against time, with the intervals that contain them.
 
@@ -125,6 +128,7 @@ def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None, **
     return axes
 
 
+@drawn_whole
 def angles(found: "CovariantVectors", ax: Axes | None = None, **style: Any) -> Axes:
     """The angles between the first covariant vectors against time.
 

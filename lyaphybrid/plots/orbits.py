@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import in_brackets
-from .axes import COLOURS, Axes, colours, ink, styled, time_label, whole_ticks
+from .axes import COLOURS, Axes, colours, drawn_whole, ink, styled, time_label, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ __all__ = ["matrix", "multipliers", "phase_responses", "time_domain"]
 WRITTEN = 8  # rows of a matrix up to which its entries are written
 
 
+@drawn_whole
 def multipliers(found: "Floquet", ax: Axes | None = None, **style: Any) -> Axes:
     """Multipliers in the complex plane; those inside the unit circle decay.
 
@@ -55,6 +56,7 @@ def multipliers(found: "Floquet", ax: Axes | None = None, **style: Any) -> Axes:
     return ax
 
 
+@drawn_whole
 def phase_responses(found: "PhaseResponse", ax: Axes | None = None, **style: Any) -> Axes:
     """The phase response of each component against the phase, from 0 to the period.
 
@@ -88,6 +90,7 @@ def phase_responses(found: "PhaseResponse", ax: Axes | None = None, **style: Any
     return ax
 
 
+@drawn_whole
 def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None, **style: Any) -> Axes:
     """A tangent map, entry by entry, blue below zero and red above.
 
@@ -130,6 +133,7 @@ def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None, **style: Any
     return ax
 
 
+@drawn_whole
 def time_domain(domain: "TimeDomain", ax: Axes | None = None, **style: Any) -> Axes:
     """The number of jumps against time: an interval of flow at each number, and a rise at each jump.
 

@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from .axes import COLOURS, Axes, axes_of, styled
+from .axes import COLOURS, Axes, axes_of, drawn_whole, styled
 
 __all__ = ["report"]
 
@@ -12,6 +12,7 @@ WIDTH = 96  # characters of a line of text
 VERDICT_MARKS = {"right": ("o", 2), "note": ("^", 0), "wrong": ("X", 1)}  # marker and number of the colour of a verdict
 
 
+@drawn_whole
 def report(findings: Sequence[tuple[str, str, str]], ax: Axes | None = None, **style: Any) -> Axes:
     """The findings below each other: a mark for the verdict, the topic, and what was found.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import with_error
-from .axes import COLOURS, Axes, Figures, colours, ink, styled, time_label, whole_ticks
+from .axes import COLOURS, Axes, Figures, colours, drawn_whole, ink, styled, time_label, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def bounds(found: "ExponentBounds", ax: Axes | None = None, **style: Any) -> Axe
     return exponents(found.exponents, found.bound, found.unit, ax, **style)
 
 
+@drawn_whole
 def exponents(exponents, bars, unit: str, ax: Axes | None = None, **style: Any) -> Axes:
     """Exponents (k,) against their index, with bars (k,) to both sides; those of -inf as arrows at the foot."""
     ax = _axes(ax)
@@ -144,6 +145,7 @@ def convergence(
     return ax
 
 
+@drawn_whole
 def running(
     time: Any,
     course: Any,
@@ -243,6 +245,7 @@ def _label_ends(ax, values, errors, finite) -> None:
         )
 
 
+@drawn_whole
 def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None, **style: Any) -> Axes:
     """Spectra of systems of n bodies against i/n on one axes: as n grows they approach one curve.
 
@@ -283,6 +286,7 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None, **style: 
     return ax
 
 
+@drawn_whole
 def against_density(
     densities: Sequence[float], spectra: "Sequence[Spectrum]", n: int, ax: Axes | None = None, **style: Any
 ) -> Axes:
@@ -326,6 +330,7 @@ def against_density(
     return ax
 
 
+@drawn_whole
 def solutions(found: "Solutions", ax: Axes | None = None, **style: Any) -> Axes:
     """The exponents of each solution against their index.
 
@@ -379,6 +384,7 @@ class SpectrumPlots(Figures):
         return convergence(self._result, ax, exponents, **style)
 
 
+@drawn_whole
 def master_stability(found: "MasterStability", ax: Axes | None = None, **style: Any) -> Axes:
     """The largest exponent against real α with its standard error; of complex α its sign and size over the plane.
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import per_unit
-from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
+from .axes import COLOURS, Axes, colours, drawn_whole, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ __all__ = ["design", "gradient"]
 GROUP_WIDTH = 0.8  # of the group of bars of one parameter
 
 
+@drawn_whole
 def gradient(found: "Gradient", ax: Axes | None = None, **style: Any) -> Axes:
     """The derivatives of each exponent by each parameter, with error bars of one standard error.
 
@@ -53,6 +54,7 @@ def gradient(found: "Gradient", ax: Axes | None = None, **style: Any) -> Axes:
     return ax
 
 
+@drawn_whole
 def design(found: "Design", ax: Axes | None = None, **style: Any) -> Axes:
     """The exponents of the points that were tried, in their order; lines are those of the result.
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..statuses import STATUS
-from .axes import COLOURS, Axes, axes_of, colours, ink, styled
+from .axes import COLOURS, Axes, axes_of, colours, drawn_whole, ink, styled
 from .sweep_arrays import NO_VALUE, Swept, axes_scale, edges, label, list_or_grid, nearest, one_parameter
 
 __all__ = ["sweep_lines", "sweep_map"]
@@ -51,6 +51,7 @@ ROWS = 4  # rows for exponents of −∞; more share one
 ENTRY, LETTER = 0.45, 0.058  # widths of a legend's entry and letter, inches
 
 
+@drawn_whole
 def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes | None = None, **style: Any) -> Axes:
     """Exponents against the parameter of a sweep, with bands of one standard error.
 
@@ -172,6 +173,7 @@ def _present(codes) -> dict[int, StatusStyle]:
     return {code: STATUS_STYLES.get(code, StatusStyle(f"status {code}", *UNKNOWN_STATUS)) for code in found}
 
 
+@drawn_whole
 def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None, **style: Any) -> Axes:
     """One exponent over two parameters of a sweep, in colours; points that failed in greys, by their status.
 

@@ -13,6 +13,7 @@ from .axes import (
     Figures,
     colours,
     component,
+    drawn_whole,
     ink,
     is_dark,
     panels,
@@ -37,6 +38,7 @@ MARKED = 60  # up to this number each event gets a line; more are ticks at the b
 COMPONENTS_DRAWN = 4  # number of components drawn by default
 
 
+@drawn_whole
 def trajectory(
     trajectory: "Trajectory", ax: Axes | None = None, components: Sequence[int] | None = None, **style: Any
 ) -> Axes:
@@ -130,6 +132,7 @@ def _shade(ax, t, mode, names) -> None:
         )
 
 
+@drawn_whole
 def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> Axes:
     """Component j against component i; a jump leads from a ring to a dot.
 
@@ -179,6 +182,7 @@ def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int =
     return ax
 
 
+@drawn_whole
 def raster(trajectory: "Trajectory", ax: Axes | None = None, transition: int = 0, **style: Any) -> Axes:
     """A raster: which component of a vector guard fired, against time, as of spiking neurons.
 

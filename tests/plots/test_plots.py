@@ -318,3 +318,14 @@ def test_marks_of_short_times_do_not_run_into_each_other():
     boxes = [label.get_window_extent() for label in ax.get_xticklabels()]
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
     assert "10" in ax.xaxis.get_offset_text().get_text()
+
+
+def test_what_cannot_be_drawn_leaves_no_empty_figure():
+    motion = lh.trajectory(lh.Flow(lambda t, x, args: -x), [1.0, 2.0], t1=1.0)
+    ax = pyplot.subplots()[1]
+    for draw in (motion.plot, motion.plot.phase):
+        with pytest.raises(TypeError, match="draw into axes of your own"):
+            draw(figsize=(3, 3))
+        with pytest.raises(TypeError, match="draw into axes of your own"):
+            draw(ax=ax, figsize=(3, 3))
+    assert pyplot.get_fignums() == [ax.figure.number]
