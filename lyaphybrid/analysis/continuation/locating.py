@@ -18,6 +18,7 @@ __all__ = ["LocatedPoint", "LostError", "OrbitChange", "between", "change_of", "
 
 INTERPOLATION_OFFSETS = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
 FOLD_AT_BRANCH_POINT = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
+ON_CIRCLE = 1e-9  # |μ_i μ_j − 1| of pairs that stay on the unit circle, as conservative ones do: its sign is rounding
 ROOT = 1e-2  # of the test's values at both ends: a larger value at the root means a jump, not a root
 
 
@@ -45,7 +46,8 @@ def crossings(equations: BranchEquations, before: BranchPoint, after: BranchPoin
     places: list[tuple[float, LocatedPoint]] = []
     for kind, test in TESTS.items():
         ends = test(equations, before), test(equations, after)
-        if ends[0] * ends[1] >= 0:
+        on_circle = kind == "Neimark–Sacker" and min(np.abs(ends)) < ON_CIRCLE
+        if ends[0] * ends[1] >= 0 or on_circle:
             continue
         try:
             place, point = _located(equations, before, after, kind)

@@ -39,13 +39,28 @@ from .following import IndicatorRun, follow, verdict_of
 __all__ = ["UNSETTLED", "CovariantVectors", "angles_of_split", "covariant_vectors", "forwards"]
 
 UNSETTLED = 1e-3  # what the remainder of the first errors is to be below
+LOG_OF_ZERO = -1e30  # finite stand-in for ln 0
+LARGEST_GROWTH = 80.0  # of a later row over an earlier one, ln: columns that have settled are in order
 
 
 class BlockProduct(NamedTuple):
-    """The product R of a block, in echelon form."""
+    """The product R = diag(e^logs) r of a block, in echelon form: its rows may differ by more than numbers can."""
 
-    r: Array  # (k, k)
+    r: Array  # (k, k) rows whose largest entry is ±1, or of zeros
+    logs: Array  # (k,)
     pivot: Array  # (k,) column of each row's first nonzero entry; k for a row of zeros
+
+
+def _product(upper, r, logs):
+    """The rows and logs of `upper` diag(e^logs) r."""
+    logs = jnp.where(jnp.any(r != 0, axis=1), logs, LOG_OF_ZERO)
+    there = upper != 0
+    most = jnp.max(jnp.where(there, logs[None, :], LOG_OF_ZERO), axis=1)
+    rows = jnp.where(there, upper * jnp.exp(jnp.where(there, logs[None, :] - most[:, None], 0.0)), 0.0) @ r
+    size = jnp.max(jnp.abs(rows), axis=1)
+    some = size > 0
+    size = jnp.where(some, size, 1.0)
+    return rows / size[:, None], jnp.where(some, most + jnp.log(size), 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,23 +70,26 @@ class FactorObserver:
     def init(self, t, frame) -> BlockProduct:
         """R is the identity at the start."""
         del t
-        k = frame.shape[1]
-        return BlockProduct(jnp.eye(k, dtype=frame.dtype), jnp.arange(k, dtype=jnp.int32))
+        return _identity(frame.shape[1], frame.dtype)
 
     def update(self, state: BlockProduct, seen: Orthonormalisation) -> BlockProduct:
         """R ← R' R; a lost column becomes a row of zeros."""
-        r = jnp.triu(seen.frame.T @ seen.before) @ state.r
+        r, logs = _product(jnp.triu(seen.frame.T @ seen.before), state.r, state.logs)
         gone = seen.lost | (state.pivot == len(state.pivot))
-        return BlockProduct(jnp.where(gone[:, None], 0.0, r), jnp.where(gone, len(state.pivot), state.pivot))
+        r, logs = jnp.where(gone[:, None], 0.0, r), jnp.where(gone, 0.0, logs)
+        return BlockProduct(r, logs, jnp.where(gone, len(state.pivot), state.pivot))
 
     def moved(self, state: BlockProduct, source) -> BlockProduct:
         """Reorder the rows like the columns of the frame: columns that are not lost come first."""
-        return BlockProduct(state.r[source], state.pivot[source])
+        return BlockProduct(state.r[source], state.logs[source], state.pivot[source])
 
     def next_block(self, state: BlockProduct) -> BlockProduct:
         """Start the product of the next block."""
-        k = len(state.pivot)
-        return BlockProduct(jnp.eye(k, dtype=state.r.dtype), jnp.arange(k, dtype=jnp.int32))
+        return _identity(len(state.pivot), state.r.dtype)
+
+
+def _identity(k: int, dtype) -> BlockProduct:
+    return BlockProduct(jnp.eye(k, dtype=dtype), jnp.zeros(k, dtype), jnp.arange(k, dtype=jnp.int32))
 
 
 def _least(values: np.ndarray) -> float:
@@ -219,8 +237,7 @@ def covariant_vectors(
 ) -> CovariantVectors:
     """The k leading covariant Lyapunov vectors, by the method of Ginelli and others.
 
-    Vectors of unit length that the tangent flow carries into each other, jumps included. Between two times the vectors
-    should not grow by more than e^300: take more blocks where they do.
+    Vectors of unit length that the tangent flow carries into each other, jumps included.
 
     Args:
         system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -378,7 +395,7 @@ def _sum(a, b):
 def _stretches(factor: BlockProduct) -> Array:
     """(k,) ln of the first entry of each row that is not zero."""
     at = jnp.minimum(factor.pivot, len(factor.pivot) - 1)
-    return jnp.log(jnp.abs(jnp.take_along_axis(factor.r, at[:, None], axis=1)[:, 0]))
+    return jnp.log(jnp.abs(jnp.take_along_axis(factor.r, at[:, None], axis=1)[:, 0])) + factor.logs
 
 
 def angles_of_split(factors: BlockProduct, split: int, times: slice) -> tuple[Array, Array]:
@@ -405,13 +422,16 @@ def _stands_at(pivot):
 def _before(factor: BlockProduct, c):
     """C_{n-1} with unit columns from R_n and C_n, and ln of their growth.
 
-    Column p is determined by the row whose pivot is p; without such a row it is a vector of the kernel.
+    Column p is determined by the row whose pivot is p; without such a row it is a vector of the kernel. It is solved for
+    times e^logs of that row, next to which those above it are large.
     """
-    r, pivot, k = factor.r, factor.pivot, c.shape[0]
+    r, logs, pivot, k = factor.r, factor.logs, factor.pivot, c.shape[0]
     columns = jnp.arange(k, dtype=pivot.dtype)
     stands_at = _stands_at(pivot)
     goes_on = jnp.any(stands_at, axis=1)
-    wanted = jnp.where(goes_on[None, :], c[:, jnp.argmax(stands_at, axis=1)], 0.0)
+    own = jnp.argmax(stands_at, axis=1)
+    scaled = c[:, own] * jnp.exp(jnp.minimum(logs[own][None, :] - logs[:, None], LARGEST_GROWTH))
+    wanted = jnp.where(goes_on[None, :], scaled, 0.0)
     known = jnp.where(goes_on[None, :], 0.0, jnp.eye(k, dtype=c.dtype))
 
     def solve(i, solution):
@@ -424,4 +444,4 @@ def _before(factor: BlockProduct, c):
 
     solution = jax.lax.fori_loop(0, k, solve, known)
     length = jnp.linalg.norm(solution, axis=0)
-    return solution / length[None, :], jnp.where(goes_on, -jnp.log(length), -jnp.inf)
+    return solution / length[None, :], jnp.where(goes_on, logs[own] - jnp.log(length), -jnp.inf)

@@ -12,10 +12,11 @@ from ..._linalg.products import even_units, in_units, product_eigenvalues
 from ...errors import RunFailedError
 from ...systems.event_driven import EventDriven
 from ...systems.smooth import Map
+from .motion.growths import growths_of
 from .motion.motions import Motion, MotionPiece
 from .shooting import OrbitIterate
 
-__all__ = ["growths_of", "matrices_of", "multipliers_of", "stability_of"]
+__all__ = ["matrices_of", "multipliers_of", "seen_in_turns", "stability_of"]
 
 CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
 DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value means linear dependence
@@ -24,7 +25,6 @@ DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value me
 NOTHING_LEFT, HARDLY_LEFT = 2e-15, 1e-9
 MUCH_LEFT = 1e-4  # where the flow leaves so much, what is lost in an equal time was lost by a jump
 MOST_HALVINGS = 9  # of a piece
-TURNS_TO_SETTLE = 2  # after which columns are those of the multipliers, in the order of their sizes
 CLEAR_OF_EVENTS = 0.02  # of a piece: distance of its cut from events
 
 
@@ -131,27 +131,23 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
     return OrbitMultipliers(found, logs, others, unsure)
 
 
-def growths_of(flow: Motion, orbit: OrbitIterate) -> np.ndarray | None:
-    """(n,) ln|·| of the multipliers, the largest first, where the orbit is smooth and destroys nothing; else None.
+def seen_in_turns(flow: Motion, orbit: OrbitIterate, found: OrbitMultipliers) -> OrbitMultipliers:
+    """The multipliers, those that seem destroyed by what a turn does to columns that are orthonormalised on the way.
 
-    However much a piece contracts: columns are orthonormalised at each step or so, and settle within turns. The fastest
-    decay follows from the divergence, so that no step has to resolve it. All nan where the others take too many steps.
+    The derivative of a piece cannot tell much contraction from a loss; each step can, and each jump.
     """
-    n = len(orbit.nodes[0].x)
-    jumps = sum(piece.jumps for piece in orbit.pieces)
-    if jumps or flow.symmetry is not None or isinstance(flow.problem.system, Map | EventDriven):
-        return None
-    if n < 2 or any(_is_bound(flow, piece) for piece in orbit.pieces):
-        return None
-    frame, growth, volume = np.eye(n, n - 1, dtype=orbit.nodes[0].x.dtype), np.zeros(n - 1), 0.0
-    for turn in range(TURNS_TO_SETTLE + 1):
-        for piece in orbit.pieces:
-            frame, gained, more = flow.growth(piece.start, piece.length, frame)
-            if np.isnan(more):
-                return np.full(n, np.nan)
-            if turn == TURNS_TO_SETTLE:
-                growth, volume = growth + gained, volume + more
-    return np.sort(np.append(growth, volume - np.sum(growth)))[::-1]
+    n, base, seems = len(orbit.nodes[0].x), orbit.nodes[0], np.isneginf(found.logs)
+    discrete = isinstance(flow.problem.system, Map)
+    whole = len(found.logs) == n > 1 and base.without is None and flow.symmetry is None
+    if not np.any(seems) or discrete or not whole:
+        return found
+    smooth = not any(piece.jumps for piece in orbit.pieces) and not any(_is_bound(flow, one) for one in orbit.pieces)
+    growths = growths_of(flow, base, float(orbit.period), smooth and not isinstance(flow.problem.system, EventDriven))
+    if growths is None:
+        return found._replace(logs=np.where(seems, np.nan, found.logs) if smooth else found.logs, unsure=True)
+    logs, unsure = np.where(seems, growths.logs, found.logs), found.unsure and growths.unsure
+    sizes = growths.signs * np.exp(growths.logs)
+    return found._replace(values=np.where(seems, sizes, found.values), logs=logs, unsure=unsure)
 
 
 def _direction_of_product(product: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ from .families import energy_moved, family_of
 from .motion.invariants import conserved_of, require_conserved
 from .motion.motions import Motion, Node, sized
 from .motion.returns import close_return, least_period
-from .multipliers import growths_of, matrices_of, multipliers_of, stability_of
+from .multipliers import matrices_of, multipliers_of, seen_in_turns, stability_of
 from .periods import check_period, depends_on_time
 from .points import at_start, nearest
 from .shooting import OrbitIterate, newton, placed
@@ -410,10 +410,7 @@ def floquet_of(
     known = in_any_case(flow, orbit, autonomous, family)
     # Constraints leave fewer than n directions; the others do not count as destroyed by the orbit.
     found = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
-    logs, unsure = found.logs, found.unsure
-    if np.any(hidden := np.isneginf(logs)) and (growths := growths_of(flow, orbit)) is not None:
-        logs = np.where(hidden, growths[-len(logs) :], logs)
-        unsure = bool(np.any(np.isnan(logs)))
+    found = seen_in_turns(flow, orbit, found)
     good = not autonomous or (goes_along(flow, orbit) and not rests(flow, orbit))
     good = good and repeats(flow, orbit)
     residual = orbit.residual if good else np.inf
@@ -421,7 +418,7 @@ def floquet_of(
         x0=as_jax(point.x),
         period=orbit.period,
         multipliers=as_jax(found.values),
-        exponents=as_jax(logs / orbit.period),
+        exponents=as_jax(found.logs / orbit.period),
         stability=stability_of(found.deciding, base.x, isolated=not known.shape[1]),
         residual=residual,
         monodromy=as_jax(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
@@ -432,6 +429,6 @@ def floquet_of(
         family=family.shape[1],
         notes=frozenset({"family"} if family.shape[1] else ())
         | ({BEYOND_GUARD} if guards_passed(flow, orbit.pieces) else set())
-        | ({"unresolved"} if unsure else set()),
+        | ({"unresolved"} if found.unsure else set()),
         status_code=STATUS.ok if residual <= digits(CONVERGED, base.x) else STATUS.no_orbit,
     )

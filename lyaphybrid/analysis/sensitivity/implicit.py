@@ -43,6 +43,7 @@ LOOSER = 100.0  # factor of the tolerance for a second run, whose difference est
 EQUAL_MULTIPLIERS = 1e-6  # multipliers nearer than this, relative to their size, form one group
 WORST_CONDITION = 1e9  # largest condition numbers of the equations of the orbit and of the multipliers
 INFINITE_CONDITION = 1e300  # stands for an infinite one
+MOST_ROUNDING = 0.1  # relative error of a derivative by rounding, from which on it is not known
 ROUNDING = 4 * float(np.finfo(float).eps)
 ZERO_EXPONENT_CHANGE = 1e-6  # largest derivative of the zero exponent, relative to the largest of the others
 LONGEST_MAP_PERIOD = 64  # longest period of a map that is searched
@@ -215,7 +216,10 @@ def _derivatives_along(turn: PeriodRun, theta, x, length, of_theta, of_x, of_len
 
 
 class Exponents(NamedTuple):
-    """The leading exponents of an orbit and their derivatives; the derivative of a group is that of its mean."""
+    """The leading exponents of an orbit and their derivatives, nan where they are not known or there are none.
+
+    The derivative of a group is that of its mean.
+    """
 
     value: np.ndarray  # (k,)
     gradient: np.ndarray  # (k, p)
@@ -249,7 +253,8 @@ def of_exponents(found: Derivatives, orbit: Floquet, k: int, jumps: int | None =
     for group in groups:
         if np.all(multipliers[group] != 0):
             rates, condition[group], rounding[group] = _of_group(found, every, group)
-            gradient[group] = (rates / len(group) - np.mean(value[group]) * change) / length
+            if rounding[group[0]] < MOST_ROUNDING:
+                gradient[group] = (rates / len(group) - np.mean(value[group]) * change) / length
     several = [group for group in groups if len(group) > 1 and min(group) < k]
     return Exponents(value[:k], gradient[:k], several, condition[:k], rounding[:k])
 
@@ -331,8 +336,10 @@ def _reasons(case: ExponentFunction, orbit: Floquet, found: Derivatives, of: Exp
     for group in of.groups:
         names = ", ".join(f"λ{i + 1}" for i in group)
         reasons.append(f"{names}: a complex pair or nearly the same, the derivative is that of their mean")
-    if np.any(np.isnan(of.gradient)):
+    if np.any(np.isneginf(of.value)):
         reasons.append("an exponent that is −∞ has no derivative")
+    if hidden := [f"λ{i + 1}" for i in np.flatnonzero(np.isnan(of.gradient[:, :1]).ravel() & np.isfinite(of.value))]:
+        reasons.append(f"{', '.join(hidden)}: the multiplier is less than rounding beside the others: no derivative")
     good = good and max(found.condition, worst) <= WORST_CONDITION
     if autonomous:
         at = _along_the_flow(orbit)

@@ -165,3 +165,14 @@ def test_under_a_transformation_it_is_the_same():
 
     one = remainder(jnp.array([0.1, 0.2]))
     assert_allclose(jax.jit(remainder)(jnp.array([0.1, 0.2])), one, rtol=1e-9)
+
+
+@pytest.mark.parametrize("blocks", [10, 200])
+def test_rates_that_differ_by_more_than_numbers_can(blocks):
+    """In a piece of 2 the last direction shrinks by e^−2000 against the first: exponents and vectors are those of A."""
+    rates = np.array([-0.1, -2.0, -50.0, -1000.0])
+    turned = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]
+    matrix = turned @ np.diag(rates) @ turned.T
+    found = lh.covariant_vectors(lh.Flow(lambda t, x, args: matrix @ x), np.ones(4), t1=20.0, blocks=blocks)
+    assert_allclose(found.exponents, rates, rtol=1e-6)
+    assert_allclose(np.abs(np.einsum("ni,tni->ti", turned, found.vectors)), 1.0, rtol=1e-6)

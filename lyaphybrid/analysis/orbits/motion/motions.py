@@ -8,9 +8,7 @@ import numpy as np
 
 from ...._jax.engines import compiled
 from ...._jax.tracing import array, as_jax
-from ...._linalg import frames
 from ....engine import problems
-from ....engine.blocks import qr_schedule_for
 from ....engine.host import driver
 from ....engine.host.places import account, place_of
 from ....errors import RunFailedError
@@ -27,7 +25,6 @@ from .sizes import LEAST_SCALE, finer, mixing_of, sizes_of
 __all__ = ["Motion", "MotionPiece", "Node", "SAMPLES_PER_PIECE", "sized", "states_of", "velocity"]
 
 SAMPLES_PER_PIECE = 1000  # recorded points of a piece
-MOST_STEPS_OF_DECAYS = 200_000  # of a piece whose fastest decays are followed
 EVENT_LOG_ROWS = 1024  # events that one compiled call can record; a full log is emptied and the run goes on
 
 
@@ -119,24 +116,6 @@ class Motion(NamedTuple):
         logs = None if logs is None else logs._replace(t=logs.t - node.t)
         shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
         return MotionPiece(node, length, carry.x, int(problems.mode_of(carry)), matrix, int(carry.jumps), *shown, logs)
-
-    def growth(self, node: Node, length: float, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """The frame (n, k) after a length of time, orthonormalised on the way; ln of its growth (k,); ∫ tr Df dt.
-
-        Both are nan where that takes very many steps.
-        """
-        x0, problem = as_jax(np.asarray(node.x)), self.problem_from(node)
-        schedule, interval = qr_schedule_for(problem, None)
-        plan = problems.RunPlan(qr_schedule=schedule, kind=frames.kind_for(frame.shape[1]), sum_rule=True)
-        end = array([length], x0.dtype)
-        loop_state = driver.start(problem, plan, array(node.t, x0.dtype), x0, frame, node.mode, interval)
-        outcome = driver.drive(problem, plan, loop_state, end, end, MOST_STEPS_OF_DECAYS)
-        if outcome.interrupted:
-            raise KeyboardInterrupt
-        if int(outcome.status) != STATUS.ok:
-            return frame, np.full(frame.shape[1], np.nan), np.nan
-        records = outcome.records
-        return np.asarray(outcome.loop_state.carry.frame), np.sum(records.growth, 0), float(np.sum(records.log_volume))
 
     def velocity(self, node: Node) -> np.ndarray:
         """Dx/dt at a point."""

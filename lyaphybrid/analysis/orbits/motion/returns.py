@@ -56,6 +56,8 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
             return found.start, found.time
         roughly = roughly or _return_in(flow, stretch, np.full(len(units), np.max(_units_along(flow, stretch))))
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
+        if horizon > longest:  # it may have begun at an exceptional point, as beside an event
+            longest = max(longest, 2.0**DOUBLINGS * _later_time(flow, start))
         if horizon > longest:
             break
     if roughly is not None:
@@ -65,6 +67,14 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
         "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
         None,
     )
+
+
+def _later_time(flow: Motion, start: Node) -> float:
+    """A typical time of the motion where it has come to; 0 where it rests."""
+    try:
+        return _first_times(flow, start)[1]
+    except NoPeriodicOrbitError:
+        return 0.0
 
 
 def _nearest_return(flow: Motion, found: Return, horizon: float, units: np.ndarray) -> Return:
