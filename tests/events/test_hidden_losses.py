@@ -113,3 +113,26 @@ def test_what_shrinks_between_rare_losses_is_flagged(period, turned, is_right):
     assert ("unresolved" in spectrum.notes) == (period > 36.0)
     if is_right:
         assert_allclose(spectrum.exponents, [0.0, -1.0, -np.inf], atol=5e-3)
+
+
+def slips(sign):
+    return lambda t, x, rate: jnp.stack([x[1], -x[0] - 0.4 * sign + jnp.cos(0.3 * t), rate * (x[0] - x[2])])
+
+
+@pytest.mark.slow_cases("4.0")
+@pytest.mark.parametrize("rate", [2.0, 4.0, 5.0])
+def test_rounding_across_a_sliding_mode_does_not_grow(rate):
+    """A filter of the place of a block that sticks for 5.1 and slips for 5.4: its exponent is minus its rate."""
+    block = lh.filippov(slips(1.0), slips(-1.0), surface=lambda t, x, args: x[1])
+    turn = 2 * np.pi / 0.3
+    spectrum = lh.lyapunov_spectrum(block, [0.5, 1.0, 0.0], rate, t1=20 * turn, transient=5 * turn)
+    assert_allclose(spectrum.exponents[1], -rate, rtol=1e-3)
+    assert spectrum.notes == {"rank_lost"}
+
+
+@pytest.mark.parametrize("verb", [lh.covariant_vectors, lh.svd_spectrum])
+def test_verbs_without_notes_warn(verb):
+    tick = lh.Transition(every=100.0, reset=lambda t, x, args: x * jnp.array([1.0, 0.0, 1.0]))
+    system = lh.Hybrid(lambda t, x, args: x * jnp.array([0.0, 0.0, -1.0]), tick)
+    with pytest.warns(UserWarning, match="unresolved: .* a direction shrank too much between two losses"):
+        verb(system, [1.0, 1.0, 1.0], t1=1000.0)

@@ -422,7 +422,7 @@ def _stands_at(pivot):
 def _before(factor: BlockProduct, c):
     """C_{n-1} with unit columns from R_n and C_n, and ln of their growth.
 
-    Column p is determined by the row whose pivot is p; without such a row it is a vector of the kernel. It is solved for
+    Column p is determined by the row whose pivot is p; without such a row it is a vector of the kernel. It is found
     times e^logs of that row, next to which those above it are large.
     """
     r, logs, pivot, k = factor.r, factor.logs, factor.pivot, c.shape[0]

@@ -1,5 +1,6 @@
 """One run with an `Observer`, as all indicators need it."""
 
+import warnings
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -7,6 +8,7 @@ import numpy as np
 
 from ..._arguments import attempts, numbers, require, whole
 from ..._jax.tracing import array, numpy_for, traced
+from ..._keywords import user_level
 from ..._linalg import frames
 from ..._text import Table, in_brackets
 from ...engine import preparation, problems
@@ -16,6 +18,7 @@ from ...engine.host.places import Place, account, place_of
 from ...engine.states import BlockRecord, Observer
 from ...errors import RunFailedError
 from ...results.result import in_time
+from ...results.spectrum import NOTE_TEXTS, unresolved
 from ...statuses import STATUS, gravest
 from ...systems.consistency import onto_constraints
 from ...systems.daes.semi_linear import DAE, degrees_of_freedom
@@ -129,7 +132,13 @@ def unit_columns(frame, n, k, dtype):
 
 
 def verdict_of(followed: IndicatorRun, result, throw: bool):
-    """Return the result, or raise if the run failed, its values are known and `throw` is set."""
+    """Return the result, or raise if the run failed, its values are known and `throw` is set.
+
+    It warns where columns became rounding on the way, as the note of a spectrum says.
+    """
+    spread = followed.loop_state.spread
+    if not traced((followed.status, spread)) and np.any(unresolved(np.asarray(spread))):
+        warnings.warn(f"unresolved: {NOTE_TEXTS['unresolved']}", stacklevel=user_level())
     if throw and not traced(followed.status):
         status = STATUS(int(gravest(np.asarray(followed.status))))
         if status.failed:

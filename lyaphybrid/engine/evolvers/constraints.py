@@ -1,5 +1,6 @@
 """The methods of an evolver that concern the algebraic equations (constraints) of its modes."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -35,12 +36,18 @@ class OnConstraints(AbstractEvolver):
         return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
 
     def kept_to_constraints(self, carry: StepState, clock: Clock) -> StepState:
-        """Project the frame onto the tangent space of the constraints if the method does not: errors do not decay."""
-        if self.method.keeps_constraints or not self.hybrid.constrained:
+        """Project the frame onto the tangent space of its mode.
+
+        Errors across it, in sliding too, do not decay: rounding would outgrow a direction in it that does. Methods that
+        keep the constraints of a DAE need no projection there.
+        """
+        hybrid, t = self.hybrid, clock.base + carry.s
+        pairs = zip(hybrid.projections, hybrid.fields, strict=True)
+        kept = [None if is_constrained(field) and self.method.keeps_constraints else onto for onto, field in pairs]
+        if all(onto is None for onto in kept):
             return carry
-        project = self.onto_mode(carry.solver_state.mode, clock.base + carry.s, carry.x)
-        assert project is not None, "constraints have a projection"
-        return carry._replace(frame=each_column(project, carry.frame))
+        ways = [_columns_onto(onto, t, carry.x) for onto in kept]
+        return carry._replace(frame=by_mode(carry.solver_state.mode, ways, carry.frame))
 
     def onto_constraints(self, mode, t, x):
         """The point on the constraints of a mode with the same differential part E₁ x."""
@@ -92,6 +99,11 @@ def _terms_of(field: Any):
     if not is_constrained(field):
         return lambda t, x: jnp.abs(x)
     return lambda t, x: field.field.inverse_blocks(t, x, field.args).terms
+
+
+def _columns_onto(onto: Callable | None, t, x) -> Callable:
+    """A frame (n, k) -> its columns projected; None: as they are."""
+    return (lambda frame: frame) if onto is None else (lambda frame: each_column(lambda dx: onto(t, x, dx), frame))
 
 
 def landing_of(field: Any):

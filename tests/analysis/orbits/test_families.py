@@ -483,3 +483,13 @@ def test_the_axis_of_henon_heiles_is_followed_in_its_energy():
 def test_bad_arguments_of_continuation(conserve, says):
     with pytest.raises(ValueError, match=says):
         lh.continuation(PENDULUM, [1.0, 0.0], None, over=(-0.9, 0.9), conserve=conserve)
+
+
+def test_pairs_that_stay_on_the_circle_have_no_torus_bifurcations():
+    """Two coupled oscillators along the energy: |μ| − 1 is rounding, and changes its sign as that does."""
+    pair = lh.Hamiltonian(
+        lambda p, a: jnp.sum(p**2) / 2, lambda q, a: q[0] ** 2 / 2 + q[1] ** 2 + 0.3 * (q[0] * q[1]) ** 2
+    )
+    branch = lh.continuation(pair, [0.5, 0.0, 0.0, 0.0], over=(0.05, 1.0), conserve=True)
+    assert branch.specials == ()
+    assert all(np.max(np.abs(np.abs(orbit.multipliers) - 1)) < 1e-9 for orbit in branch.orbits)

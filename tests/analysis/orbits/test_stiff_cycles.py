@@ -72,6 +72,44 @@ def test_the_only_multiplier_of_a_neuron():
     assert_allclose(orbit.period, np.log(1.4 / 0.5), rtol=1e-9)
 
 
+ADAPTING = lh.Hybrid(
+    lambda t, x, args: jnp.stack([1.5 - x[0] - x[1], -x[1] / args["tau"]]),
+    lh.Transition(lambda t, x, args: 1 - x[0], lambda t, x, args: jnp.stack([0 * x[0], x[1] + args["gain"]])),
+)
+
+
+@pytest.mark.parametrize(
+    ("tau", "exponent"),
+    [
+        pytest.param(100.0, -0.727478683925, marks=pytest.mark.slow),
+        pytest.param(300.0, -0.888623139856),
+        pytest.param(1000.0, -0.959922877753, marks=pytest.mark.slow),
+    ],
+)
+def test_a_neuron_that_adapts_slowly(tau, exponent):
+    """Multipliers 1 and 1.5e-6, 6.7e-22, 8.4e-77, of the closed form in many digits: its trace is 1 + μ."""
+    orbit = lh.floquet(ADAPTING, [0.0, 0.6], {"tau": tau, "gain": 0.1}, transient=500.0)
+    assert_allclose(orbit.exponents, [0.0, exponent], atol=1e-9)
+    assert_allclose(orbit.multipliers.real, [1.0, np.exp(exponent * orbit.period)], rtol=1e-6)
+    assert not orbit.notes
+
+
+def test_a_start_just_after_an_event():
+    """As a transient of whole periods leaves it: v is next to 0, and its first time is no time of the motion."""
+    args, start = {"tau": 100.0, "gain": 0.1}, np.array([0.0, 0.59499999])
+    period = 18.4003646060774
+    for transient in (10 * period, 9.9999999 * period, 10.0000001 * period):
+        assert lh.floquet(ADAPTING, start, args, transient=transient).period == pytest.approx(period, rel=1e-9)
+
+
+def test_what_a_gradient_does_not_know_is_nan():
+    args, start = {"tau": 300.0, "gain": 0.1}, [0.0, 0.599]
+    found = lh.lyapunov_gradient(ADAPTING, start, args, t1=500.0, over="gain", algorithm="implicit")
+    assert_allclose(found.value[1], -0.888623139856, atol=1e-9)
+    assert np.isnan(found.gradient["gain"][1])
+    assert any("less than rounding" in reason for reason in found.reasons)
+
+
 @pytest.mark.slow
 def test_the_oregonator():
     """Against the second additive compound of Df along the orbit, by SciPy's BDF at rtol 1e-8: −0.5019975."""
