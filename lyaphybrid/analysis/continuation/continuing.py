@@ -286,7 +286,8 @@ def equations_of(
 ) -> BranchEquations:
     """The equations of the branch through an orbit, scaled by its sizes and its period."""
     args, period = args_of(jnp.asarray(values[1])), options["period"]
-    problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], options["method"], options["mode"])
+    mode = None if options["mode"] is None else orbit.base[2]  # of the base, which may be another than at x0
+    problem, *_ = preparation.prepare(system, orbit.base[1], args, orbit.base[0], options["method"], mode)
     base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
     flow = Motion(problem)
     trial = flow.piece(base, orbit.period)

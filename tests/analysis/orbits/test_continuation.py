@@ -660,3 +660,16 @@ def test_the_largest_value_may_be_one_before_a_jump():
     branch = lh.continuation(wheel, [0.1 - half, 0.6], 0.1, over={"args": (0.09, 0.12)}, transient=20.0)
     assert_allclose(branch.largest[:, 0], branch.values + half, rtol=0, atol=1e-9)
     assert_allclose(branch.smallest[:, 0], branch.values - half, rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_branch_from_an_orbit_in_the_mode_that_it_begins_in():
+    """The orbit passes through other modes, at the point where its derivatives are taken, too."""
+
+    def slips(sign):
+        return lambda t, x, a: jnp.stack([x[1], -x[0] - 0.05 * x[1] - sign * a["mu"] + jnp.cos(0.5 * t)])
+
+    block, turn = lh.filippov(slips(1.0), slips(-1.0), surface=lambda t, x, a: x[1]), 4 * np.pi
+    orbit = lh.floquet(block, [0.5, 1.0], {"mu": 0.3}, period=turn, transient=30 * turn)
+    branch = lh.continuation(block, orbit.x0, {"mu": 0.3}, over={"mu": (0.28, 0.32)}, mode=orbit.mode, period=turn)
+    assert branch.ends == ("range", "range")
