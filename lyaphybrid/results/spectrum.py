@@ -79,9 +79,9 @@ def step_too_long(spectrum: "Spectrum"):
 
 
 def doubtful(spectrum: "Spectrum"):
-    """Whether the exponents may be wrong by more than their errors: what step_too_long and unresolved say."""
+    """Whether exponents may be wrong by more than their errors: as step_too_long, unresolved and beyond_guard say."""
     xp = module_of(spectrum.spread)
-    return step_too_long(spectrum) | xp.any(unresolved(spectrum.spread))
+    return step_too_long(spectrum) | xp.any(unresolved(spectrum.spread)) | xp.any(spectrum.flags[..., -1])
 
 
 def guard_unreached(spectrum: "Spectrum"):

@@ -137,12 +137,13 @@ def verdict_of(followed: IndicatorRun, result, throw: bool):
     It warns where columns became rounding on the way, as the note of a spectrum says.
     """
     spread = followed.loop_state.spread
-    if not traced((followed.status, spread)) and np.any(unresolved(np.asarray(spread))):
+    if traced((followed.status, spread)):
+        return result
+    status = STATUS(int(gravest(np.asarray(followed.status))))
+    if status.failed and throw:
+        raise RunFailedError(status, account(followed.status, followed.place, why=followed.why), result)
+    if not status.failed and np.any(unresolved(np.asarray(spread))):
         warnings.warn(f"unresolved: {NOTE_TEXTS['unresolved']}", stacklevel=user_level())
-    if throw and not traced(followed.status):
-        status = STATUS(int(gravest(np.asarray(followed.status))))
-        if status.failed:
-            raise RunFailedError(status, account(followed.status, followed.place, why=followed.why), result)
     return result
 
 

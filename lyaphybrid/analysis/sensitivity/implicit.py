@@ -255,7 +255,7 @@ def of_exponents(found: Derivatives, orbit: Floquet, k: int, jumps: int | None =
             rates, condition[group], rounding[group] = _of_group(found, every, group)
             if rounding[group[0]] < MOST_ROUNDING:
                 gradient[group] = (rates / len(group) - np.mean(value[group]) * change) / length
-    several = [group for group in groups if len(group) > 1 and min(group) < k]
+    several = [one for one in groups if len(one) > 1 and min(one) < k and np.all(multipliers[one] != 0)]
     return Exponents(value[:k], gradient[:k], several, condition[:k], rounding[:k])
 
 

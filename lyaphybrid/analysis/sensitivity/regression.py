@@ -30,6 +30,7 @@ __all__ = ["by_regression"]
 
 POINTS_PER_TERM, FEWEST_POINTS = 2, 24  # points for each coefficient of the higher degree, and least number of points
 FURTHER = 2  # difference of the compared degrees: in a symmetric design the next degree has the same slope
+FINITE_TIME = 3.0  # a run of length T tells an exponent from zero if it is larger than this over T
 LEAST_NOISE = 1e-9  # least noise, relative to 1 + |λ|: regular motion has almost none, and fits are not exact
 UNLIKELY = 1e-4  # least probability of a χ² that counts as noise
 DEGREES_AGREE = 3.0  # largest difference of the slopes of both degrees, in standard errors
@@ -95,11 +96,13 @@ def by_regression(
     whole("points", points, least=terms + 2)
     at = _points(key, points, len(half))
     runs = _ensemble(case, key, case.theta + half * at, replicates, threads, progress)
-    judged = [_judged(f"λ{i + 1}", runs.exponents[..., i], at, degree) for i in range(case.k)]
+    floor = FINITE_TIME / float(case.options["t1"])
+    judged = [_judged(f"λ{i + 1}", runs.exponents[..., i], at, degree, floor) for i in range(case.k)]
     lost = (runs.failed + runs.doubtful) / runs.time_per_jump.size
+    noted = "have the note step_too_long, unresolved or beyond_guard"
     reasons = [
         f"{count} of {runs.time_per_jump.size} runs {what}"
-        for count, what in ((runs.failed, "failed"), (runs.doubtful, "have the note step_too_long or unresolved"))
+        for count, what in ((runs.failed, "failed"), (runs.doubtful, noted))
         if count
     ]
     cost = len(at) * replicates
@@ -221,8 +224,12 @@ def _fit(at, means, noise, degree: int) -> PolynomialFit:
     return PolynomialFit(float(solution[0]), solution[1 : p + 1], covariance, chi2, len(means) - len(powers))
 
 
-def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> WindowEstimate:
-    """The mean (of an exponent, say) in the middle of the window, from runs (points, replicates), and its slope."""
+def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int, floor: float = 0.0) -> WindowEstimate:
+    """The mean (of an exponent, say) in the middle of the window, from runs (points, replicates), and its slope.
+
+    A mean below `floor` cannot be told from zero. On a cycle what a finite run leaves of a zero exponent is smooth, and
+    far beyond the noise.
+    """
     nothing = np.full(at.shape[1], np.nan)
     destroyed, known = int(np.sum(np.isinf(runs))), int(np.sum(~np.isnan(runs)))
     if destroyed:
@@ -242,7 +249,7 @@ def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> WindowE
     worst = float(np.max(apart / _of_difference(low, high)))
     reasons = [f"{name}: {reason}", f"{name}: slopes of two degrees differ by {worst:.2g} standard errors"]
     good = smooth and worst <= DEGREES_AGREE
-    if abs(low.value) <= 5 * errors[0] + LEAST_NOISE:
+    if abs(low.value) <= 5 * errors[0] + LEAST_NOISE + floor:
         slope = float(np.max(np.abs(low.slope) / errors[1:]))
         reasons.append(f"{name}: a zero exponent, its slope is {slope:.2g} standard errors")
         good = good and slope <= NOTHING

@@ -337,7 +337,7 @@ def test_doubtful_runs_are_not_trusted():
         algorithm="regression", key=KEY,
     )  # fmt: skip
     assert not found.trust
-    assert found.reasons[0] == "96 of 96 runs have the note step_too_long or unresolved"
+    assert found.reasons[0] == "96 of 96 runs have the note step_too_long, unresolved or beyond_guard"
 
 
 def test_no_derivative_along_a_doubtful_run():
@@ -346,3 +346,30 @@ def test_no_derivative_along_a_doubtful_run():
     method = lh.RungeKutta("rk4", dt=2.0)
     with pytest.raises(lh.NoDerivativeError, match="step_too_long"):
         lh.lyapunov_gradient(damped, [1.0, 0.0], 0.1, t1=20_000.0, algorithm="birkhoff", method=method)
+
+
+RELAXING = lh.Hybrid(
+    {
+        "up": lambda t, x, args: jnp.stack([1 - x[0] + args["c"] * x[1], -x[1] / 50]),
+        "down": lambda t, x, args: jnp.stack([-x[0] / 0.3, (1 - x[1]) / 50]),
+    },
+    [
+        lh.Transition(lambda t, x, args: 0.7 - x[0], source="up", target="down"),
+        lh.Transition(lambda t, x, args: x[0] - 0.2, source="down", target="up"),
+    ],
+)
+
+
+@pytest.mark.slow_cases("on the guard")
+@pytest.mark.parametrize(
+    ("x0", "said"),
+    [([0.7, 0.2755], "note step_too_long, unresolved or beyond_guard"), ([0.5, 0.27], "λ1: a zero exponent")],
+    ids=["on the guard", "beside it"],
+)
+def test_a_cycle_is_not_trusted(x0, said):
+    """From a start on a guard half of the starts around it are beyond it; what a finite run leaves of 0 is smooth."""
+    found = lh.lyapunov_gradient(
+        RELAXING, x0, {"c": 0.01}, mode="up", over="c", t1=405.0, algorithm="regression", key=KEY
+    )
+    assert not found.trust
+    assert any(said in reason for reason in found.reasons)
