@@ -145,9 +145,8 @@ def seen_in_turns(flow: Motion, orbit: OrbitIterate, found: OrbitMultipliers) ->
     growths = growths_of(flow, base, float(orbit.period), smooth and not isinstance(flow.problem.system, EventDriven))
     if growths is None:
         return found._replace(logs=np.where(seems, np.nan, found.logs) if smooth else found.logs, unsure=True)
-    logs, unsure = np.where(seems, growths.logs, found.logs), found.unsure and growths.unsure
-    sizes = growths.signs * np.exp(growths.logs)
-    return found._replace(values=np.where(seems, sizes, found.values), logs=logs, unsure=unsure)
+    values = np.where(seems, growths.signs * np.exp(growths.logs), found.values)
+    return found._replace(values=values, logs=np.where(seems, growths.logs, found.logs), unsure=growths.unsure)
 
 
 def _direction_of_product(product: np.ndarray, matrix: np.ndarray) -> np.ndarray:
