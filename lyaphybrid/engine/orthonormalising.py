@@ -144,7 +144,7 @@ def accumulate(
             losses=carry.losses[source] + now.astype(jnp.int32),
             first_loss=first,
             order=carry.order[source],
-            foreign=jnp.where(places >= count, jnp.inf, carry.foreign[source]),
+            foreign=foreign_shares.rearranged(carry.foreign, source, places >= count),
             observer=None if settings.observer is None else settings.observer.moved(carry.observer, source),
         )
 

@@ -137,7 +137,7 @@ class StepState(NamedTuple):
     losses: Any  # (k,) how often each column was lost
     first_loss: Any  # (k,) time of the first loss of each column; nan if never lost
     order: Any  # (k,) index of each column at the start of the block
-    foreign: Any  # (k,) ln of the share of each column that may be rounding along replaced columns; inf for these
+    foreign: Any  # (k, k) of `foreign_shares`: what of each column may be rounding along those that replace lost ones
     solver_state: Any  # the evolver's own state
     log: EventLog | None
     observer: Any = None  # the state of an `Observer`

@@ -130,6 +130,21 @@ def test_rounding_across_a_sliding_mode_does_not_grow(rate):
     assert spectrum.notes == {"rank_lost"}
 
 
+def test_losses_that_take_turns_reset_the_shares():
+    """Two neutral directions are forgotten every 2, each at its own time: between losses e^−t shrinks by e^−2 only."""
+    basis = jnp.asarray(np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0])
+    rates = basis @ jnp.diag(jnp.array([0.0, 0.0, 0.0, -1.0])) @ basis.T
+
+    def forgets(i, phase):
+        kept = basis @ jnp.diag(jnp.ones(4).at[i].set(0.0)) @ basis.T
+        return lh.Transition(every=2.0, phase=phase, reset=lambda t, x, args: kept @ x)
+
+    system = lh.Hybrid(lambda t, x, args: rates @ x, [forgets(1, 0.0), forgets(2, 1.0)])
+    spectrum = lh.lyapunov_spectrum(system, np.ones(4), t1=200.0)
+    assert spectrum.notes == {"rank_lost"}
+    assert_allclose(spectrum.exponents, [0.0, -1.0, -np.inf, -np.inf], atol=0.02)
+
+
 @pytest.mark.parametrize("verb", [lh.covariant_vectors, lh.svd_spectrum])
 def test_verbs_without_notes_warn(verb):
     tick = lh.Transition(every=100.0, reset=lambda t, x, args: x * jnp.array([1.0, 0.0, 1.0]))

@@ -239,21 +239,24 @@ class _Along(NamedTuple):
         return self._as_result(way)._resumed_by(functools.partial(self._again, way))
 
     def _followed_to_the_end(self, way: _Way, together: _Straddling):
-        """The pair until it has parted, with samples close enough to see it part; the way with their gap."""
-        while True:
-            pair, later, rate, in_time = _parted(together, self.run, way.gap, self.metric)
-            if in_time or (
-                way.finer == MOST_TIMES_CLOSER and not self.forced
-            ):  # for good: a jump parts them so suddenly
-                return way, pair, later, rate
-            require(
-                not self.forced or bool(later),
-                f"Two motions beside the boundary part within one period from t = {together.t:g} on: nothing of it can "
-                "be seen. Its orbit may be found by lh.floquet, from a start near the boundary.",
-            )
-            if self.forced:
-                return way, pair, later, rate
-            way = way._replace(gap=way.gap / CLOSER_BY, finer=way.finer + 1)
+        """The pair until it has parted, with samples close enough to see it part; the way with their gap.
+
+        Where closer samples do not help either, it is a jump that parts them so suddenly: then they stay as they were.
+        """
+        *at_first, in_time = _parted(together, self.run, way.gap, self.metric)
+        require(
+            in_time or not self.forced or bool(at_first[1]),
+            f"Two motions beside the boundary part within one period from t = {together.t:g} on: nothing of it can be "
+            "seen. Its orbit may be found by lh.floquet, from a start near the boundary.",
+        )
+        if in_time or self.forced or way.finer == MOST_TIMES_CLOSER:
+            return way, *at_first
+        for finer in range(way.finer + 1, MOST_TIMES_CLOSER + 1):
+            closer = way._replace(gap=way.gap / CLOSER_BY ** (finer - way.finer), finer=finer)
+            *seen, in_time = _parted(together, self.run, closer.gap, self.metric)
+            if in_time:
+                return closer, *seen
+        return way._replace(finer=MOST_TIMES_CLOSER), *at_first
 
     def _again(self, way: _Way, found: EdgeState, t1: Real) -> EdgeState:
         reached = float(found.t[-1]) - self.t0

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..._jax.precision import digits
 from ..._linalg import frames
-from ..._linalg.foreign_shares import is_foreign, shares_after, shares_of_none
+from ..._linalg.foreign_shares import is_foreign, rearranged, shares_after, shares_of_none
 from ..._linalg.products import even_units, in_units, product_eigenvalues
 from ...errors import RunFailedError
 from ...systems.event_driven import EventDriven
@@ -200,7 +200,7 @@ def _destroyed(matrices: list[np.ndarray]) -> tuple[int, bool]:
         unsure = unsure or bool(is_foreign(shares, np))
         order = np.argsort(lost, kind="stable")  # new directions come after what is left
         gone = (gone | lost)[order]
-        columns, shares = _completed(columns[:, order], n - int(np.sum(lost))), np.where(gone, np.inf, shares[order])
+        columns, shares = _completed(columns[:, order], n - int(np.sum(lost))), rearranged(shares, order, gone, np)
     return int(np.sum(gone)), unsure
 
 

@@ -60,8 +60,8 @@ class Floquet(RunResult, eqx.Module):
     Attributes:
         x0: (n,) the point of the orbit at t0 (of an autonomous system: the one nearest to the start that was given).
         period: T.
-        multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way. Of
-            an `lh.DAE` there are n_differential.
+        multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way, and of a
+            complex pair so small that only its size is known, by its exponent. Of an `lh.DAE` there are n_differential.
         exponents: (n,) ln|μ|/T, descending, also of a μ too small for a number; -inf where a direction is destroyed.
         stability: from all multipliers except those that are 1 by necessity, along the flow of an autonomous system,
             along a family and along a group: "stable" (all are inside the unit circle), "unstable" (one is outside),

@@ -340,6 +340,7 @@ def _reasons(case: ExponentFunction, orbit: Floquet, found: Derivatives, of: Exp
         reasons.append("an exponent that is −∞ has no derivative")
     if hidden := [f"λ{i + 1}" for i in np.flatnonzero(np.isnan(of.gradient[:, :1]).ravel() & np.isfinite(of.value))]:
         reasons.append(f"{', '.join(hidden)}: the multiplier is less than rounding beside the others: no derivative")
+        good = False
     good = good and max(found.condition, worst) <= WORST_CONDITION
     if autonomous:
         at = _along_the_flow(orbit)

@@ -30,7 +30,7 @@ __all__ = ["by_regression"]
 
 POINTS_PER_TERM, FEWEST_POINTS = 2, 24  # points for each coefficient of the higher degree, and least number of points
 FURTHER = 2  # difference of the compared degrees: in a symmetric design the next degree has the same slope
-FINITE_TIME = 3.0  # a run of length T tells an exponent from zero if it is larger than this over T
+TOLD_FROM_ZERO = 3.0  # a run of length T tells an exponent from zero if it is larger than this over T
 LEAST_NOISE = 1e-9  # least noise, relative to 1 + |λ|: regular motion has almost none, and fits are not exact
 UNLIKELY = 1e-4  # least probability of a χ² that counts as noise
 DEGREES_AGREE = 3.0  # largest difference of the slopes of both degrees, in standard errors
@@ -96,7 +96,7 @@ def by_regression(
     whole("points", points, least=terms + 2)
     at = _points(key, points, len(half))
     runs = _ensemble(case, key, case.theta + half * at, replicates, threads, progress)
-    floor = FINITE_TIME / float(case.options["t1"])
+    floor = TOLD_FROM_ZERO / float(case.options["t1"])
     judged = [_judged(f"λ{i + 1}", runs.exponents[..., i], at, degree, floor) for i in range(case.k)]
     lost = (runs.failed + runs.doubtful) / runs.time_per_jump.size
     noted = "have the note step_too_long, unresolved or beyond_guard"

@@ -107,6 +107,7 @@ def test_what_a_gradient_does_not_know_is_nan():
     found = lh.lyapunov_gradient(ADAPTING, start, args, t1=500.0, over="gain", algorithm="implicit")
     assert_allclose(found.value[1], -0.888623139856, atol=1e-9)
     assert np.isnan(found.gradient["gain"][1])
+    assert not found.trust
     assert any("less than rounding" in reason for reason in found.reasons)
 
 

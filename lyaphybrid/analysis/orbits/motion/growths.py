@@ -15,9 +15,9 @@ from .motions import Motion, Node
 
 __all__ = ["Growths", "growths_of"]
 
-TURNS_TO_SETTLE = 2  # after which columns are those of the multipliers, in the order of their sizes
+TURNS_TO_SETTLE, MOST_TO_SETTLE = 2, 24  # after which columns are those of the multipliers, in the order of their sizes
 MOST_STEPS_OF_DECAYS = 200_000  # in a turn
-SAME_DIRECTION = 0.99  # cosine between a column and what it becomes in a turn; it is less for a complex pair
+SAME_DIRECTION = 1 - 1e-6  # cosine between a column and what it becomes in a turn; it is less for a complex pair
 
 
 class Growths(NamedTuple):
@@ -43,17 +43,21 @@ def growths_of(flow: Motion, start: Node, period: float, smooth: bool) -> Growth
     """
     n = len(start.x)
     turn = _Turn(np.eye(n, n - smooth, dtype=start.x.dtype), np.zeros(0), 0.0, False)
-    before = turn.frame
-    for _ in range(TURNS_TO_SETTLE + 1):
+    signs = np.zeros(turn.frame.shape[1])
+    for number in range(MOST_TO_SETTLE):
         before = turn.frame
         turn = _turned(flow, start, period, before)
         if turn is None:
             return None
-    cosines, logs = np.sum(before * turn.frame, axis=0), turn.logs
-    signs = np.where(np.abs(cosines) > SAME_DIRECTION, np.sign(cosines), 0.0)
+        cosines = np.sum(before * turn.frame, axis=0)
+        signs = np.where(np.abs(cosines) > SAME_DIRECTION, np.sign(cosines), 0.0)
+        if number >= TURNS_TO_SETTLE and np.all((signs != 0) | np.isinf(turn.logs)):
+            break
+    logs = turn.logs
     if smooth:
         last = turn.volume - np.sum(logs)
-        logs, signs = np.append(logs, last), np.append(signs, np.prod(signs))  # a flow keeps its orientation
+        # A flow keeps its orientation, and so does a pair that turns.
+        logs, signs = np.append(logs, last), np.append(signs, np.prod(signs[signs != 0]))
     order = np.argsort(-logs, kind="stable")
     logs, signs = logs[order], signs[order]
     turning = (signs == 0) & np.isfinite(logs)

@@ -40,7 +40,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     A motion away from an orbit comes back only in those components that are large there.
     """
     horizon, natural = _first_times(flow, start)
-    longest, roughly, units = 2.0**DOUBLINGS * natural, None, np.zeros(len(start.x))
+    longest, roughly, units, begun = 2.0**DOUBLINGS * natural, None, np.zeros(len(start.x)), True
     for _ in range(DOUBLINGS + MORE_DOUBLINGS):
         try:
             stretch = flow.piece(start, float(horizon))
@@ -56,8 +56,8 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
             return found.start, found.time
         roughly = roughly or _return_in(flow, stretch, np.full(len(units), np.max(_units_along(flow, stretch))))
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
-        if horizon > longest:  # it may have begun at an exceptional point, as beside an event
-            longest = max(longest, 2.0**DOUBLINGS * _later_time(flow, start))
+        if horizon > longest and begun:  # it may have begun at an exceptional point, as beside an event
+            longest, begun = max(longest, 2.0**DOUBLINGS * _later_time(flow, start)), False
         if horizon > longest:
             break
     if roughly is not None:
