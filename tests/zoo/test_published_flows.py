@@ -127,7 +127,7 @@ def test_errors_are_small(name):
     assert not found.ends or name in END_EARLY
 
 
-LESS_PRECISE = {"blinking_rotlet", "swinging_atwood"}  # 2 %, and 2.0e-3: more computing time would bring them down
+LESS_PRECISE = {"blinking_rotlet"}  # 2 %: more computing time would bring it down
 END_EARLY: set[str] = set()
 
 
