@@ -106,7 +106,7 @@ class AbstractEvolver(abc.ABC):
         return x, False
 
     def kept_to_constraints(self, carry: StepState, clock: Clock) -> StepState:
-        """The carry with its frame projected onto the tangent space of the constraints."""
+        """The carry with its frame projected onto the tangent space of its mode: of constraints, of a sliding mode."""
         return carry
 
     def inspected(self, carry: StepState, clock: Clock) -> StepState:

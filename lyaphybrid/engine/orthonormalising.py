@@ -125,7 +125,8 @@ def accumulate(
         carry = carry._replace(observer=settings.observer.update(carry.observer, seen))
     carry = added(carry._replace(frame=frame), growth=log_r)
     if carry.foreign is not None:
-        carry = carry._replace(foreign=foreign_shares.shares_after(carry.foreign, log_r, lost))
+        gained = jax.lax.stop_gradient(log_r)
+        carry = carry._replace(foreign=foreign_shares.shares_after(carry.foreign, gained, lost))
     if not tracked:
         return carry
     live, lost = ~lost, lost & was_live

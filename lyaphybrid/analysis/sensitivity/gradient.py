@@ -195,7 +195,8 @@ def lyapunov_gradient(
 
     "implicit": the motion ends on a periodic orbit. It is found by Newton's method, through all jumps, and the
     derivatives of its multipliers follow from the implicit function theorem, to about ten digits; guards and resets may
-    depend on the parameters. For a complex pair, or nearly equal exponents, it is the derivative of their mean.
+    depend on the parameters. For a complex pair, or nearly equal exponents, it is the derivative of their mean. Where a
+    multiplier is less than rounding beside the others its derivative is nan, and the result is not trusted.
 
     "birkhoff": regular motion without an isolated periodic orbit: tori, families of orbits. The derivative is taken
     along one run, in forward mode, or in reverse mode for many parameters, and averaged with smooth (Birkhoff) weights.
