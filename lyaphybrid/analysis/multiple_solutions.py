@@ -169,9 +169,8 @@ class _Search:
         )
         picks = np.zeros(MOST_INSTANTS, np.int32)
         picks[: len(part.picks)] = part.picks
-        nothing = jnp.zeros(MOST_INSTANTS, jnp.int32)
         choices = Choices(
-            jnp.asarray(picks), nothing, jnp.zeros(MOST_INSTANTS, dtype), jnp.asarray(0, jnp.int32), jnp.asarray(False)
+            picks, np.zeros_like(picks), np.zeros(MOST_INSTANTS, dtype), np.zeros((), np.int32), np.zeros((), bool)
         )
         if loop_state.carry.solver_state.memory is not None:
             own = loop_state.carry.solver_state._replace(choices=choices)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ... import zoo
+from ..._jax.engines import compiled
 from ...analysis.spectra import lyapunov_spectrum
 from ...engine.evolvers.scheduled import predicting_anew
 from ...results.solution_sets import Solutions
@@ -76,13 +77,13 @@ def generic_frame(n: int) -> np.ndarray:
     return np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]
 
 
-@jax.jit
-def _starts(keys):
-    return jax.vmap(lambda key: zoo.hard_disks(n=N, key=key).x0)(keys)
+@compiled(hands_on=True)
+def _starts(key, replicates):
+    return jax.vmap(lambda key: zoo.hard_disks(n=N, key=key).x0)(jax.random.split(key, replicates))
 
 
 def _starts_for(key, replicates):
-    return _starts(jax.random.split(jax.random.key(0) if key is None else key, replicates))
+    return _starts(jax.random.key(0) if key is None else key, replicates)
 
 
 def spectrum(*, t1: float, key=None, replicates: int = REPLICATES, progress=None) -> Spectrum:
@@ -113,7 +114,12 @@ def spectrum_by(mistake: Mistake, *, t1: float, key=None, replicates: int = REPL
 def _run(system, factors, replicates, key, **keywords) -> Spectrum:
     # As arrays the factors are traced: the four wrong rules compile once.
     args = {name: jnp.asarray(value, float) for name, value in (_problem().args | factors).items()}
-    return lyapunov_spectrum(system, _starts_for(key, replicates), args, times="log", **keywords)
+    return _by_numpy(lyapunov_spectrum(system, _starts_for(key, replicates), args, times="log", **keywords))
+
+
+def _by_numpy(found: Spectrum) -> Spectrum:
+    """With arrays of NumPy, or XLA would compile each sum and index of the checks and the report."""
+    return jax.tree.map(np.asarray, found)
 
 
 def as_in_the_paper(x0, *, t1: float) -> Spectrum:
@@ -125,7 +131,8 @@ def as_in_the_paper(x0, *, t1: float) -> Spectrum:
     """
     problem = _problem()
     every, frame = ("time", NORMALISATION), np.eye(4 * N)
-    return lyapunov_spectrum(problem.system, x0, problem.args, t1=t1, every=every, frame=frame, times="log")
+    found = lyapunov_spectrum(problem.system, x0, problem.args, t1=t1, every=every, frame=frame, times="log")
+    return _by_numpy(found)
 
 
 def without_collisions() -> np.ndarray:

@@ -4,6 +4,7 @@ import functools
 import math
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
@@ -52,6 +53,7 @@ def of_axes(kind: BodyKind, args) -> Array:
     return jnp.stack([jnp.asarray(args[side]) for side in SIDES[: kind.d]])
 
 
+@functools.partial(jax.jit, static_argnums=0)  # traced once
 def bodies_of(kind: BodyKind, which) -> tuple[Any, Any]:
     """The two bodies of an event; at a wall, or at a mere new prediction, the second one is arbitrary."""
     n = kind.n

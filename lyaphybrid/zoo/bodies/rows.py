@@ -16,6 +16,7 @@ import functools
 import itertools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
@@ -137,19 +138,24 @@ def _earliest(cache: RowPredictions, body, contacts) -> tuple[Array, Array]:
 def _look_at(kind: BodyKind, cache: RowPredictions, bodies, t) -> RowPredictions:
     """Predict the next events of bodies from the time t on."""
     for body in bodies:
-        dt, face = time_to_wall(kind, cache, body, t) if kind.walls else (cache.horizon, NEW_PREDICTION)
-        contacts = _contacts(kind, cache, body, t)
-        cache = cache._replace(
-            looked=cache.looked.at[body].set(cache.events),
-            since=cache.since.at[body].set(t),
-            known=lax.dynamic_update_index_in_dim(cache.known, contacts, body, 0),
-            aside=cache.aside.at[body].set(t + dt),
-            face=cache.face.at[body].set(face),
-        )
-        soonest, whom = _earliest(cache, body, contacts)
-        time, partner = cache.time.at[body].set(soonest), cache.partner.at[body].set(whom)
-        cache = cache._replace(time=time, partner=partner)
+        cache = _looked_at(kind, cache, body, t)
     return cache
+
+
+@functools.partial(jax.jit, static_argnums=0)  # traced once
+def _looked_at(kind: BodyKind, cache: RowPredictions, body, t) -> RowPredictions:
+    dt, face = time_to_wall(kind, cache, body, t) if kind.walls else (cache.horizon, NEW_PREDICTION)
+    contacts = _contacts(kind, cache, body, t)
+    cache = cache._replace(
+        looked=cache.looked.at[body].set(cache.events),
+        since=cache.since.at[body].set(t),
+        known=lax.dynamic_update_index_in_dim(cache.known, contacts, body, 0),
+        aside=cache.aside.at[body].set(t + dt),
+        face=cache.face.at[body].set(face),
+    )
+    soonest, whom = _earliest(cache, body, contacts)
+    time, partner = cache.time.at[body].set(soonest), cache.partner.at[body].set(whom)
+    return cache._replace(time=time, partner=partner)
 
 
 def _contacts(kind: BodyKind, cache: RowPredictions, body, t):
