@@ -17,6 +17,7 @@ from ...errors import RunFailedError
 from ...statuses import STATUS
 from ..orbits.motion.motions import Node, states_of
 from ..orbits.shooting import OrbitIterate
+from ..orbits.sides import guards_passed
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, tangent
 from .locating import LocatedPoint, OrbitChange, change_of, crossings
@@ -138,7 +139,7 @@ def follow(
         try:
             nearest = _approached(equations, points[-1], length)
             touch = ending_touch(equations, nearest)
-            behind = _behind_a_corner(equations, nearest, step, over) if touch and not touch.tangential else None
+            behind = _behind_a_corner(equations, nearest, step, over) if touch else None
         except KeyboardInterrupt:
             return Arc(points, found, _interrupted(), length)
         if touch is None:
@@ -284,9 +285,12 @@ def _next_length(length: float, iterations: int, largest: float) -> float:
 
 
 def advanced(equations: BranchEquations, last: BranchPoint, length: float, over) -> BranchPoint | None:
-    """The next point of the branch, or the point on the border of the range if the step would leave it."""
+    """The next point of the branch, or the point on the border of the range if the step would leave it.
+
+    None, too, where it is no motion of the system: beyond a guard that an event has left by a node, and never fires.
+    """
     after = stepped(equations, last, length)
-    if after is None:
+    if after is None or _guards_passed(equations, after) - _guards_passed(equations, last):
         return None
     bound = float(np.clip(after.parameter, *over))
     if bound == after.parameter:
@@ -296,6 +300,10 @@ def advanced(equations: BranchEquations, last: BranchPoint, length: float, over)
     across[-1] = 1.0
     onto = equations.corrected(last.u + share * (after.u - last.u), last.orbit, across, bound / equations.span)
     return None if onto is None else onto._replace(tangent=tangent(onto.jacobian, last.tangent), parameter=bound)
+
+
+def _guards_passed(equations: BranchEquations, point: BranchPoint) -> set[tuple[int, int]]:
+    return guards_passed(equations.motion(point.parameter), point.orbit.pieces)
 
 
 def _between(

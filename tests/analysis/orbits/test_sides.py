@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import expm
 from scipy.optimize import fsolve
 
@@ -101,3 +102,28 @@ def test_a_start_beyond_a_guard_with_a_condition_is_said_too(fired):
     )
     assert (found.notes == {"beyond_guard"}) == (not fired)
     assert found.jumps == (2 if fired else 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("low", "high", "t0"), [(0.05, 0.9, 0.0), (0.05, 0.9, 3.0), (0.12, 0.16, 0.0)])
+def test_a_branch_on_which_an_event_passes_the_start_of_the_period(low, high, t0):
+    """A stop passes t = 0 at μ = 0.1332: a step over it found a motion beyond the guard, and a touch that is none.
+
+    The touches are where a block stops twice more in a period, as its motions from anywhere do.
+    """
+
+    def slides(sign):
+        return lambda t, x, args: jnp.stack([x[1], -x[0] - 0.05 * x[1] - sign * args["mu"] + jnp.cos(args["w"] * t)])
+
+    system, w = lh.filippov(slides(1.0), slides(-1.0), lambda t, x, args: x[1]), 0.4
+    turn = 2 * np.pi / w
+    args = {"mu": 0.15 if high < 0.2 else 0.3, "w": w}
+    found = lh.continuation(system, [0.5, 1.0], args, over={"mu": (low, high)}, period=turn, transient=30 * turn, t0=t0)
+    assert found.ends == ("range", "range")
+    assert [special.kind for special in found.specials] == ["grazing", "grazing"]
+    places = [special.parameter for special in found.specials]
+    assert_allclose(places, [0.130741094, 0.154163853], atol=2e-9)
+    for place, counts in zip(places, [(2, 6), (6, 4)], strict=True):
+        for mu, count in zip((place - 1e-4, place + 1e-4), counts, strict=True):
+            motion = lh.trajectory(system, [0.5, 1.0], {"mu": mu, "w": w}, t1=60 * turn, n=2)
+            assert np.sum(np.asarray(motion.events.t) > 40 * turn) == 20 * count
