@@ -23,7 +23,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from ..orbits.families import family_of
+from ..orbits.families import family_of, shifts_in_time
 from ..orbits.motion.invariants import conserved_of
 from ..orbits.motion.motions import Motion, Node, sized, states_of
 from ..orbits.motion.sizes import sizes_of
@@ -311,6 +311,8 @@ def equations_of(
 def _origin(equations: BranchEquations, orbit: Floquet, value: float) -> BranchPoint:
     """The point of the branch through an orbit."""
     first = equations.orbit_from(Node(*orbit.base), value, orbit.period)
+    timeless = not equations.autonomous and shifts_in_time(equations.motion(value), first)
+    require(not timeless, "This system does not depend on time: leave period away; it is found, and may change.")
     jacobian = equations.linearised(first, value)[0]
     singular, null = np.linalg.svd(jacobian)[1:]
     require(
@@ -444,6 +446,5 @@ def at_rest(found: Floquet, orbit: OrbitIterate) -> Floquet:
 def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node, labels: Labels) -> Special:
     orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start, labels)
     orbit = at_rest(orbit, found.point.orbit) if found.kind in (HOPF, BOUNDARY_EQUILIBRIUM) else orbit
-    largest, turns = np.max(states_over(found.point), axis=0), equations.turns
-    rest = found.change, largest, equations.sizes
+    rest, turns = (found.change, np.max(states_over(found.point), axis=0), equations.sizes), equations.turns
     return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, *rest)

@@ -8,16 +8,19 @@ import numpy as np
 
 from ..._jax.precision import digits
 from ...errors import RunFailedError
+from ...systems.kinds import iterates
 from .motion.invariants import Conserved, energies_of
 from .motion.motions import Motion, Node
+from .periods import uses_time
 from .shooting import OrbitIterate, retimed, scaled, shares_of, shot
 
-__all__ = ["energy_moved", "family_of"]
+__all__ = ["apart_from_shifts", "energy_moved", "family_of", "shifts_in_time"]
 
 FAMILY_SINGULAR_VALUE = 1e-6  # singular values below this fraction of the largest, or of 1, may mean a family
 NEIGHBOUR_DISTANCE = 5e-3  # of the orbit's extent: distance to the neighbouring orbit
 CLOSES = 1e-9  # residual of an orbit; next to a fold about NEIGHBOUR_DISTANCE² would remain, at a pitchfork its cube
 NEWTON_ITERATIONS = 6
+ALONG_FLOW = 1e-6  # 1 − cos of the angle between the velocity and a direction of the family, at most
 ENERGY_CHANGED = 1e-6  # of the start's size: a larger change, as a distance of states, means another energy
 
 
@@ -65,6 +68,28 @@ def _goes_on(flow: Motion, orbit: OrbitIterate, autonomous: bool, along: np.ndar
     except RunFailedError:
         return False
     return False
+
+
+def shifts_in_time(flow: Motion, orbit: OrbitIterate) -> bool:
+    """Whether the orbit, begun later, is one too: nothing depends on time, and it does not rest."""
+    system, base, args = flow.problem.system, orbit.nodes[0], flow.problem.args
+    if iterates(system) or uses_time(system, base.x, args):
+        return False
+    speed = np.linalg.norm(flow.velocity(base) / orbit.units) * orbit.period
+    return bool(speed > digits(CLOSES, base.x))
+
+
+def apart_from_shifts(flow: Motion, orbit: OrbitIterate, family: np.ndarray) -> np.ndarray:
+    """The family (n, f) of an orbit whose period was given, without its own shift in time, if that is one of it."""
+    if not family.shape[1] or not shifts_in_time(flow, orbit):
+        return family
+    along = flow.velocity(orbit.nodes[0]) / orbit.units
+    along = along / np.linalg.norm(along)
+    basis = np.linalg.qr(family / orbit.units[:, None])[0]
+    if np.linalg.norm(basis.T @ along) < 1 - digits(ALONG_FLOW, orbit.nodes[0].x):
+        return family
+    left, _, _ = np.linalg.svd(basis - np.outer(along, along @ basis))
+    return left[:, : family.shape[1] - 1] * orbit.units[:, None]
 
 
 def energy_moved(flow: Motion, start: Node, end: Node, sizes: np.ndarray) -> bool:

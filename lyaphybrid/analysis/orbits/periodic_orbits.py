@@ -32,7 +32,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .closures import goes_along, repeats, rests
-from .families import energy_moved, family_of
+from .families import apart_from_shifts, energy_moved, family_of, shifts_in_time
 from .motion.invariants import conserved_of, require_conserved
 from .motion.motions import Motion, Node, sized
 from .motion.returns import close_return, least_period
@@ -311,7 +311,9 @@ def _orbit_near(
         end = nearest(flow, base, orbit.period, start, orbit.extents)
     else:
         end = at_start(flow, orbit, given, guess)
-    result = floquet_of(flow, orbit, end, autonomous, family_of(flow, orbit, autonomous))
+    every = family_of(flow, orbit, autonomous)
+    family = every if autonomous else apart_from_shifts(flow, orbit, every)
+    result = floquet_of(flow, orbit, end, autonomous or family.shape != every.shape, family)
     leapt = guards_passed(flow, orbit.pieces) - guards_passed(flow, [trial]) if BEYOND_GUARD in result.notes else set()
     if leapt:
         result = dataclasses.replace(result, residual=np.inf, stability="unknown", status_code=STATUS.no_orbit)
@@ -320,7 +322,7 @@ def _orbit_near(
     if result.family and conserve is None and energy_moved(flow, given, end, orbit.sizes):
         result = dataclasses.replace(result, notes=result.notes | {"moved"})
     if throw and result.status.failed:
-        raise NoPeriodicOrbitError(_failure(flow, orbit, result), result)
+        raise NoPeriodicOrbitError(_failure(flow, orbit, result, period is not None), result)
     return result
 
 
@@ -335,7 +337,7 @@ def _no_orbit(flow: Motion, point: Node, status: STATUS) -> Floquet:
     )  # fmt: skip
 
 
-def _failure(flow: Motion, orbit: OrbitIterate, result: Floquet) -> str:
+def _failure(flow: Motion, orbit: OrbitIterate, result: Floquet, given: bool) -> str:
     """The error message: what Newton's method found instead of an orbit."""
     if orbit.torn:
         wanted, found = (problems.mode_names(flow.problem.system)[mode] for mode in orbit.torn[0])
@@ -365,10 +367,12 @@ def _failure(flow: Motion, orbit: OrbitIterate, result: Floquet) -> str:
             f"{np.linalg.norm(flow.velocity(orbit.nodes[0])):.1e}; (b) the method is too coarse, tighten its "
             "tolerances; (c) the derivative of a reset, guard or field is not that of its values."
         )
+    any_period = given and shifts_in_time(flow, orbit)
     return (
         f"Newton's method stands at a residual of {orbit.gap:.1e} after {orbit.iterations} iterations, "
         f"period {orbit.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
-        "unstable and long, give segments; (c) the period is not one of this motion."
+        "unstable and long, give segments; (c) the period is not one of this motion"
+        + (": this system does not depend on time, leave period away, and it is found." if any_period else ".")
     )
 
 

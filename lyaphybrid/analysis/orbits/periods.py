@@ -24,7 +24,7 @@ from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
 from ...systems.validation import check_functions
 
-__all__ = ["check_period", "depends_on_time", "seeming_period"]
+__all__ = ["check_period", "depends_on_time", "seeming_period", "uses_time"]
 
 TIMES_COMPARED = np.array(
     [0.0, 0.1234, 1.3, 17.7]
@@ -117,6 +117,11 @@ def depends_on_time(system: Any, x, args) -> bool:
         return bool(_timed(system, x, args))
     values = _values(system, array(TIMES_COMPARED, x.dtype), np.asarray(x)[None], args)
     return any(not np.array_equal(row, rows[0], equal_nan=True) for rows in values.values() for row in rows)
+
+
+def uses_time(system: Any, x, args) -> bool:
+    """Whether a field, guard or reset takes time, whatever it makes of it, or there is a clock."""
+    return bool(_timed(system, jnp.asarray(x), args))
 
 
 def seeming_period(system: Any, period: float, x, args, t: float) -> float | None:

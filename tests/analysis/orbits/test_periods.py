@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.special
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
@@ -207,3 +208,28 @@ def test_functions_are_checked_before_they_are_compared():
     walls = lh.Transition(lambda t, x, args: jnp.stack([x[0], 1 - x[0]]), lambda t, x, args: -x)
     with pytest.raises(ValueError, match=r"The reset of transition 0 is called with \(t, x, args, which\)"):
         lh.floquet(lh.Hybrid(lambda t, x, args: -x, walls), [0.5], period=1.0)
+
+
+def test_a_period_given_for_a_system_that_does_not_depend_on_time():
+    """The orbit may begin at any time: that is no family; along a branch the shift would be all that changes."""
+    cycle = lh.Flow(lambda t, x, mu: jnp.stack([x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]]))
+    free = lh.floquet(cycle, [2.0, 0.0], 1.0)
+    given = lh.floquet(cycle, [2.0, 0.0], 1.0, period=free.period)
+    assert (given.family, given.stability) == (0, "stable")
+    np.testing.assert_allclose(given.multipliers, free.multipliers, atol=1e-11)
+    with pytest.raises(lh.NoPeriodicOrbitError, match="leave period away"):
+        lh.floquet(cycle, [2.0, 0.0], 1.0, period=free.period + 0.05)
+    with pytest.raises(ValueError, match="leave period away"):
+        lh.continuation(cycle, [2.0, 0.0], 1.0, over={"args": (0.5, 1.5)}, period=free.period)
+
+
+def test_a_period_given_where_energy_is_conserved():
+    """It chooses one of a pendulum's orbits; all of an oscillator's have it: their amplitude is free."""
+    pendulum = lh.Flow(lambda t, x, args: jnp.stack([x[1], -jnp.sin(x[0])]))
+    oscillator = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]))
+    swing = lh.floquet(pendulum, [1.0, 0.0], period=7.0)
+    assert (swing.family, swing.stability) == (0, "neutral")
+    amplitude = np.max(np.abs(lh.trajectory(pendulum, swing.x0, t1=7.0, n=4001).x[:, 0]))
+    np.testing.assert_allclose(4 * scipy.special.ellipk(np.sin(amplitude / 2) ** 2), 7.0, rtol=1e-6)
+    assert lh.floquet(oscillator, [1.0, 0.0], period=2 * np.pi).family == 1
+    assert lh.floquet(pendulum, [0.0, 0.0], period=7.0).stability == "elliptic"  # at rest nothing is shifted
