@@ -176,6 +176,7 @@ def lyapunov_spectrum(
     _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps)
     _check_flags(throw=throw, count_start=count_start, resume=resume)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    preparation.warn_of_small_units(x0, problem.method)
     require(not isinstance(system, Flow) or clock != "jumps", ENDLESS)
     check_counts(system, clock, t1=t1, transient=transient)
     if replicates is not None:

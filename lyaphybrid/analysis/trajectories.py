@@ -194,6 +194,7 @@ def trajectory(
     attempts(max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
+    preparation.warn_of_small_units(x0, problem.method)
     check_counts(system, t1=t1)
     discrete = iterates(system)
     ends = ends_of_blocks(t1, n, times, "t1")

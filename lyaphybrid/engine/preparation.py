@@ -29,6 +29,8 @@ from ..systems.validation import check_clocks
 from .blocks import COUNTED
 from .problems import RunProblem, mode_names
 
+SMALL_UNITS = 1e3  # a state below so many absolute tolerances is in units that are too small
+WANTED_ATOL = 1e-12  # part of the state that an absolute tolerance should be
 _NO_STATE = "The start, such as [1.0, 0.0], comes before args, the parameters, which may have names."
 
 __all__ = ["at_precision", "grown_columns", "method_for", "mode_index", "prepare"]
@@ -91,6 +93,21 @@ def _check_precision(name: str, x, system, method) -> None:
         f"{name} is float32: exponents will carry three to four digits, and events may be missed.{steps} {CURE}",
         stacklevel=user_level(),
     )
+
+
+def warn_of_small_units(x0, method) -> None:
+    """Warn where all of the start is so small that the absolute tolerance of a method is a large part of it."""
+    atol = getattr(method, "atol", None)
+    if atol is None or not method.adaptive or traced((x0, method)):
+        return
+    size, allowed = float(np.max(np.abs(x0))), float(np.max(atol))
+    if 0 < size < SMALL_UNITS * allowed:
+        warnings.warn(
+            f"x0 is at most {size:.1e} large, and atol allows errors of {allowed:.0e} in each step: results are "
+            "wrong if the motion stays so small. Take larger units, or give "
+            f"method=lh.{type(method).__name__}(atol={size * WANTED_ATOL:.0e}).",
+            stacklevel=user_level(),
+        )
 
 
 def _state(system, x0, name):

@@ -20,6 +20,7 @@ MARKS = {
     "Hopf": ("*", COLOURS[5]),
     "boundary equilibrium": ("P", COLOURS[5]),
     "grazing": ("X", None),  # in ink
+    "border collision": ("X", None),
 }
 CURVE_STYLES = {
     "fold": (COLOURS[1], "-"),
@@ -111,7 +112,7 @@ def _marks(axes, branch, i: int) -> None:
         colour = colour or ink(upper)
         style = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 6, "mec": "white", "zorder": 4}
         upper.plot(special.parameter, special.largest[i], label=special.kind, **style)
-        if special.kind not in ("grazing", "boundary equilibrium"):
+        if special.kind not in ("grazing", "border collision", "boundary equilibrium"):
             lower.plot(special.parameter, 0.0, **style)
 
 

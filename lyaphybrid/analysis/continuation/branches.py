@@ -109,8 +109,8 @@ class Special(SpecialOrbit):
     """A special point of a branch: a bifurcation, or grazing.
 
     Attributes:
-        kind: "fold", "pitchfork", "transcritical", "period doubling", "Neimark–Sacker", "grazing", or where the orbits
-            shrink to an equilibrium "Hopf" and "boundary equilibrium".
+        kind: "fold", "pitchfork", "transcritical", "period doubling", "Neimark–Sacker", "grazing", "border collision",
+            or where the orbits shrink to an equilibrium "Hopf" and "boundary equilibrium".
         parameter: its value there.
         orbit: an `lh.Floquet`; at a Hopf point the equilibrium, with the period 2π/ω of the small orbits beside it.
         turns: multiple of the given period after which it closes.

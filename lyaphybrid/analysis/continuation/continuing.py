@@ -102,6 +102,7 @@ def continuation(
         period doubling     Π (μ_i + 1)
         Neimark–Sacker      Π (μ_i μ_j − 1), where the pair is complex
         grazing             the sequence of the jumps of a period: an impact appears, sliding begins or ends
+        border collision    one of these jumps over zero: of a map, where its rule has a kink
 
     Where the orbits of an autonomous system shrink to an equilibrium the branch ends, at a Hopf point: there a pair of
     eigenvalues of the field's derivative is ±iω. If events remain until the end it is a boundary equilibrium.
@@ -248,9 +249,8 @@ def _named_range(over) -> tuple[str | None, tuple[float, float]]:
 
 def range_of(over) -> tuple[float, float]:
     """The range of a parameter."""
-    good = isinstance(over, tuple | list) or (isinstance(over, np.ndarray) and over.ndim == 1)
-    good = good and len(over) == 2
-    require(good, f"over must be (low, high), or {{name: (low, high)}}, the range of the parameter; got {over!r}.")
+    pair = isinstance(over, tuple | list) or (isinstance(over, np.ndarray) and over.ndim == 1)
+    require(pair and len(over) == 2, f"over must be (low, high), or {{name: (low, high)}}, its range; got {over!r}.")
     real("low, of over,", over[0])
     real("high, of over,", over[1])
     require(float(over[0]) < float(over[1]), f"over must be (low, high) with low < high; got {over!r}.")

@@ -132,9 +132,9 @@ class BranchEquations(NamedTuple):
         return self.period(self.args_of(_number(p))) if callable(self.period) else self.period
 
     def orbit_from(self, node: Node, p: float, period: float) -> OrbitIterate:
-        """The motion from this node, over that time, cut into pieces away from events."""
+        """The motion from this node, over that time, cut into pieces away from events and surfaces that hold it."""
         flow = self.motion(p)
-        nodes = placed(flow, node, period, self.segments)
+        nodes = placed(flow, node, period, self.segments, free=True)
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
     def scales(self, orbit: OrbitIterate) -> np.ndarray:

@@ -20,7 +20,7 @@ from ..orbits.shooting import OrbitIterate
 from ..orbits.sides import guards_passed
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, tangent
-from .locating import LocatedPoint, OrbitChange, change_of, crossings
+from .locating import BORDER, LocatedPoint, OrbitChange, change_of, crossings, is_kink
 from .shrinking import BOUNDARY_EQUILIBRIUM, HOPF, at_a_point, before_equilibrium, in_front_of_hopf, is_smooth
 from .touching import ending_touch
 
@@ -139,12 +139,12 @@ def follow(
         try:
             nearest = _approached(equations, points[-1], length)
             touch = ending_touch(equations, nearest)
-            behind = _behind_a_corner(equations, nearest, step, over) if touch else None
+            behind = _behind_a_corner(equations, nearest, step, over) if touch or equations.discrete else None
         except KeyboardInterrupt:
             return Arc(points, found, _interrupted(), length)
-        if touch is None:
+        if touch is None and behind is None:
             return Arc(points, found, end, length)
-        found.append(LocatedPoint("grazing", nearest, None, 1))
+        found.append(LocatedPoint("grazing" if touch else BORDER, nearest, None, 1))
         if behind is None:
             return Arc(points, found, "grazing", length)
         points.append(behind)
@@ -152,7 +152,7 @@ def follow(
 
 
 def _behind_a_corner(equations: BranchEquations, edge: BranchPoint, step: float, over) -> BranchPoint | None:
-    """A point behind a corner of the branch, where another sequence of events begins; None if none is found.
+    """A point behind a corner of the branch: other events, or another piece of a map; None if none is found.
 
     The equations are linearised on the other side of the corner. Of both directions along their tangent the branch goes
     on in the one that has the other events: the parameter may go on, or turn back.
@@ -168,7 +168,8 @@ def _behind_a_corner(equations: BranchEquations, edge: BranchPoint, step: float,
         after = equations.corrected(guess, edge.orbit, heading, float(heading @ guess), reach=ahead)
         if after is None or not over[0] <= after.parameter <= over[1]:
             continue
-        if cycle_of_events(after.orbit) != cycle_of_events(edge.orbit):
+        other_piece = equations.discrete and is_kink(edge.jacobian, after.jacobian)
+        if other_piece or cycle_of_events(after.orbit) != cycle_of_events(edge.orbit):
             return after
     return None
 

@@ -14,10 +14,22 @@ from ...errors import RunFailedError
 from .bifurcations import TESTS, branching, is_complex, of_doubling
 from .equations import BranchEquations, BranchPoint
 
-__all__ = ["LocatedPoint", "LostError", "OrbitChange", "between", "change_of", "crossings", "root"]
+__all__ = [
+    "BORDER",
+    "OTHER_PIECE",
+    "LocatedPoint",
+    "LostError",
+    "OrbitChange",
+    "between",
+    "change_of",
+    "crossings",
+    "root",
+]
 
 INTERPOLATION_OFFSETS = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
-FOLD_AT_BRANCH_POINT = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
+SAME_POINT = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
+BORDER = "border collision"
+OTHER_PIECE = 0.01  # relative change of the equations' derivative across a kink, at least
 ON_CIRCLE = 1e-9  # |μ_i μ_j − 1| of pairs that stay on the unit circle, as conservative ones do: its sign is rounding
 ROOT = 1e-2  # of the test's values at both ends: a larger value at the root means a jump, not a root
 
@@ -52,13 +64,18 @@ def crossings(equations: BranchEquations, before: BranchPoint, after: BranchPoin
         try:
             place, point = _located(equations, before, after, kind)
             jump = abs(test(equations, point)) > ROOT * max(np.abs(ends))
-            found = None if jump else _from_sign_change(equations, kind, point)
+            found = _at_a_kink(equations, before, after, place) if jump else _from_sign_change(equations, kind, point)
         except (LostError, RunFailedError):
             return None
-        double = kind == "fold" and any(abs(place - other) < FOLD_AT_BRANCH_POINT * total for other, _ in places)
-        if found is not None and not double:
+        if found is not None and not _is_known(place / total, found, [(at / total, one) for at, one in places]):
             places.append((place, found))
     return [found for _, found in sorted(places, key=lambda pair: pair[0])]
+
+
+def _is_known(place: float, found: LocatedPoint, places: list[tuple[float, LocatedPoint]]) -> bool:
+    """Whether what was found is another point that a second test shows, too; places in parts of a step."""
+    near = [one.kind for other, one in places if abs(place - other) < SAME_POINT]
+    return bool(near) if found.kind == "fold" else found.kind == BORDER and BORDER in near
 
 
 class LostError(Exception):
@@ -121,6 +138,26 @@ def _from_aside(
     u, along = through(place)[1:], through.derivative(place)[1:]
     orbit, p = equations.shoot(u, at(float(places[2])).orbit)
     return place, BranchPoint(orbit, p, u, equations.linearised(orbit, p)[0], along / np.linalg.norm(along), 0)
+
+
+def _at_a_kink(
+    equations: BranchEquations, before: BranchPoint, after: BranchPoint, place: float
+) -> LocatedPoint | None:
+    """Where a test jumps over zero, if a map has other derivatives on both sides: the border of two of its pieces."""
+    if not equations.discrete:
+        return None
+    total, at = between(equations, before, after)
+    sides = [float(np.clip(place + shift * total, 0.0, total)) for shift in (-SAME_POINT, SAME_POINT)]
+    try:
+        one, other = (at(side).jacobian for side in sides)
+    except LostError:  # as beside a branch point
+        return None
+    return LocatedPoint(BORDER, at(place), None, 1) if is_kink(one, other) else None
+
+
+def is_kink(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether the equations of a map have other derivatives here and a tiny step on."""
+    return bool(np.linalg.norm(one - other) > OTHER_PIECE * max(1.0, np.linalg.norm(one)))
 
 
 def _from_sign_change(equations: BranchEquations, kind: str, point: BranchPoint) -> LocatedPoint | None:

@@ -29,6 +29,7 @@ from ..continuation.continuing import (
 )
 from ..continuation.equations import BranchEquations, ParameterOf
 from ..continuation.following import Arc, BranchProgress, followed
+from ..continuation.locating import BORDER
 from ..continuation.shrinking import HOPF
 from ..continuation.touching import found_touches
 from ..orbits.motion.motions import SAMPLES_PER_PIECE, Node
@@ -50,6 +51,10 @@ CONDITIONS: dict[str, Condition] = {
     "period doubling": DoublingCondition(),
     "Neimark–Sacker": TorusCondition(),
 }
+FROM_BORDER = (
+    "for a curve of them give its orbit.x0, and border=(n, x, args) -> number, zero where the rule has its kink."
+)
+FROM_ELSEWHERE = "there the orbit is an equilibrium. Give a special point of another kind."
 FEW_SAMPLES = 24  # recorded points of a piece of motion: enough to tell one orbit from another
 # Largest distances, in scaled unknowns, from the given orbit to the first point of the curve.
 FROM_SPECIAL, FROM_ORBIT = 0.2, 2.0
@@ -153,8 +158,8 @@ def bifurcation_curve(
     )
     require(
         special is None or special.kind == "grazing" or special.kind in CONDITIONS,
-        f"No curve begins at a {special.kind if special else ''} point: there the orbit is an equilibrium. Give a "
-        "special point of another kind.",
+        f"No curve begins at a {special.kind if special else ''} point: "
+        + (FROM_BORDER if special and special.kind == BORDER else FROM_ELSEWHERE),
     )
     require_values("bifurcation_curve", start, args, t0)
     whole("segments", segments, least=1)

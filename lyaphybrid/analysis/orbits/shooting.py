@@ -14,6 +14,7 @@ return to a state in another mode.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,13 +76,17 @@ class OrbitIterate(NamedTuple):
         return np.inf if self.torn else self.gap
 
 
-def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node]:
-    """Nodes along the motion from `start`, away from events."""
+def placed(flow: Motion, start: Node, period: float, segments: int, *, free: bool = False) -> list[Node]:
+    """Nodes along the motion from `start`, away from events.
+
+    `free`: not in modes that hold the motion on a surface, if it leaves them: along a branch the surface may move.
+    """
     if isinstance(flow.problem.system, Map):
         return [start]
     whole = flow.piece(start, period * (1 + NODE_CLEARANCE))  # longer, to record an event at the end of the period
     events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
-    clear = np.sort([_away_from_events(at, events, period) for at in period * np.arange(segments) / segments])
+    is_free = functools.partial(_is_free, flow, whole) if free else lambda at: True
+    clear = np.sort([_away_from_events(at, events, period, is_free) for at in period * np.arange(segments) / segments])
     clear = clear[
         np.diff(clear, prepend=-period) > NODE_CLEARANCE * period
     ]  # two may have been moved into the same gap
@@ -93,19 +98,26 @@ def times_apart(times: Any, other: float, period: float) -> Any:
     return np.abs((times - other + period / 2) % period - period / 2)
 
 
-def _away_from_events(at: float, events: np.ndarray, period: float) -> float:
-    """The wanted time, or, if it is near an event, the middle of the next gap between events."""
+def _is_free(flow: Motion, piece: MotionPiece, at: float) -> bool:
+    """Whether nothing holds the motion on a surface at this time."""
+    tangent = getattr(flow.problem.system, "tangent", ())
+    return not any(tangent) or tangent[piece.modes[np.argmin(np.abs(piece.times - at))]] is None
+
+
+def _away_from_events(at: float, events: np.ndarray, period: float, is_free: Callable[[float], bool]) -> float:
+    """The wanted time, or, if it is near an event or not free, the middle of the next free gap between events."""
     if not len(events):
         return at
-    if np.min(times_apart(events, at, period)) > NODE_CLEARANCE * period:
+    if np.min(times_apart(events, at, period)) > NODE_CLEARANCE * period and is_free(at):
         return at
     after = np.sort((events - at - 1e-9 * period) % period)
     after = after[after > NODE_CLEARANCE * period]
     gaps = np.diff(np.concatenate([[0.0], after, [period]]))
     ends = np.concatenate([after, [period]])
+    middles = (at + ends - gaps / 2) % period
     wide = np.flatnonzero(gaps > 2 * NODE_CLEARANCE * period)
-    i = wide[0] if len(wide) else int(np.argmax(gaps))
-    return float((at + ends[i] - gaps[i] / 2) % period)
+    wanted = [i for i in wide if is_free(middles[i])] or wide
+    return float(middles[wanted[0] if len(wanted) else int(np.argmax(gaps))])
 
 
 def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> OrbitIterate:

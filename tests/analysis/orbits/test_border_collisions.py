@@ -165,3 +165,48 @@ def test_the_border_of_a_boost_converter():
     assert len(curve.values) > 10
     for v, r in curve.values:
         assert abs(off_the_border(args | {"V": v, "R": r})) < 1e-10
+
+
+def normal_form(left, right):
+    """The border-collision normal form of Nusse & Yorke with traces and determinants (t, d) on both sides of x = 0."""
+
+    def rule(n, x, mu):
+        trace, determinant = (jnp.where(x[0] < 0, one, other) for one, other in zip(left, right, strict=True))
+        return jnp.stack([trace * x[0] + x[1] + mu, -determinant * x[0]])
+
+    return lh.Map(rule)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ((0.5, 0.3), (-1.6, 0.4)),  # loses its stability to a doubling's multiplier
+        ((0.5, 0.3), (-0.5, 1.4)),  # to a pair's, at a corner
+        ((-2.0, 0.3), (0.5, 0.4)),
+        ((1.9, 0.3), (0.5, 0.3)),  # both orbits are on one side of μ = 0: a fold
+        ((-1.5, 0.3), (2.5, 0.4)),
+    ],
+)
+def test_a_fixed_point_of_a_map_crosses_its_border_at_zero(left, right):
+    system = normal_form(left, right)
+    side = 1.0 if right[0] < 1 + right[1] else -1.0  # on which the orbit with x > 0 exists
+    start = side * 0.5 / (1 - right[0] + right[1])
+    found = lh.continuation(system, [start, -right[1] * start], side * 0.5, over={"args": (-1.0, 1.0)}, period=1)
+    (special,) = found.specials
+    assert special.kind == "border collision"
+    assert found.ends == ("range", "range")
+    assert abs(special.parameter) < 1e-12
+    for i, (trace, determinant) in ((0, left), (-1, right)):
+        orbits = [one for one in (found.orbits[0], found.orbits[-1]) if (float(one.x0[0]) < 0) == (i == 0)]
+        (orbit,) = orbits
+        x = found.values[0 if orbit is found.orbits[0] else -1] / (1 - trace + determinant)
+        np.testing.assert_allclose(orbit.x0, [x, -determinant * x], atol=1e-10)
+        expected = np.roots([1.0, -trace, determinant])
+        np.testing.assert_allclose(np.sort(np.abs(orbit.multipliers)), np.sort(np.abs(expected)), atol=1e-9)
+
+
+def test_no_curve_begins_at_a_border_without_its_function():
+    system = normal_form((0.5, 0.3), (-1.6, 0.4))
+    found = lh.continuation(system, [-0.6, 0.2], -0.5, over={"args": (-1.0, 1.0)}, period=1)
+    with pytest.raises(ValueError, match="border="):
+        lh.bifurcation_curve(system, found.specials[0], {"a": 1.0, "b": 0.0}, over={"a": (0, 1), "b": (0, 1)}, period=1)

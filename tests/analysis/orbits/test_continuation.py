@@ -673,3 +673,31 @@ def test_a_branch_from_an_orbit_in_the_mode_that_it_begins_in():
     orbit = lh.floquet(block, [0.5, 1.0], {"mu": 0.3}, period=turn, transient=30 * turn)
     branch = lh.continuation(block, orbit.x0, {"mu": 0.3}, over={"mu": (0.28, 0.32)}, mode=orbit.mode, period=turn)
     assert branch.ends == ("range", "range")
+
+
+@pytest.mark.slow
+def test_a_branch_along_which_the_surface_moves_that_holds_the_orbit():
+    """A block sticks to a belt whose speed is the parameter: nodes are where it slips. Periods from SciPy."""
+
+    def slips(sign):
+        return lambda t, x, vb: jnp.stack([x[1], -x[0] - sign / (1 + 3 * sign * (x[1] - vb))])
+
+    system = lh.filippov(slips(1.0), slips(-1.0), lambda t, x, vb: x[1] - vb)
+    found = lh.continuation(system, [0.0, 0.0], 0.2, over={"args": (0.1, 0.6)}, transient=40.0)
+    assert found.ends == ("range", "range")
+    assert found.specials == ()
+    for i in (0, len(found.values) // 2, -1):
+        vb = float(found.values[i])
+
+        def caught(t, x, vb=vb):
+            return x[1] - vb
+
+        caught.terminal, caught.direction = True, 1.0
+        slip = scipy.integrate.solve_ivp(
+            lambda t, x, vb=vb: [x[1], -x[0] + 1 / (1 - 3 * (x[1] - vb))],
+            (0.0, 50.0),
+            [1.0 + 1e-9 * vb, vb - 1e-18],  # the friction gives way at x = 1
+            events=caught, rtol=1e-11, atol=1e-13,
+        )  # fmt: skip
+        period = slip.t[-1] + (1.0 - slip.y[0, -1]) / vb
+        assert abs(found.orbits[i].period - period) < 1e-8 * period
