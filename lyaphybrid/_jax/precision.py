@@ -6,13 +6,14 @@ available digits; the functions here do that, from any array of the type. For fl
 
 import math
 
+import jax
 import jax.numpy as jnp
 
 __all__ = [
     "GUARD_ROUNDING",
-    "CURE",
     "DOUBLE",
     "LEAST_TOLERANCE",
+    "cure",
     "digits",
     "eps",
     "is_short",
@@ -22,9 +23,15 @@ __all__ = [
 ]
 
 DOUBLE = 2.220446049250313e-16  # eps of float64
-CURE = "For float64 set jax.config.update('jax_enable_x64', True) before the first array is made."
 GUARD_ROUNDING = 64 * DOUBLE  # rounding error of a guard, relative to its terms
 LEAST_TOLERANCE = 32  # in units of `eps`: a smaller relative error estimate is rounding (float32: 3.8e-6)
+
+
+def cure(name: str) -> str:
+    """How to come to float64."""
+    if jax.config.read("jax_enable_x64"):
+        return f"JAX computes in float64 here: give {name} in float64."
+    return "For float64 set jax.config.update('jax_enable_x64', True) before the first array is made."
 
 
 def eps(like) -> float:
@@ -57,4 +64,4 @@ def require_double(name: str, x, who: str) -> None:
     x = jnp.asarray(x)
     x = x if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros((), float)
     if is_short(x):
-        raise ValueError(f"{name} is {x.dtype}: {who} needs float64. {CURE}")
+        raise ValueError(f"{name} is {x.dtype}: {who} needs float64. {cure(name)}")

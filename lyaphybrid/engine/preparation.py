@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import numbers, parameters, real, require
-from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
+from .._jax.precision import LEAST_TOLERANCE, cure, eps, is_short, require_double
 from .._jax.tracing import array, as_arrays, traced, varying
 from .._keywords import user_level
 from ..integrators import ContinuousQR, HalfExplicit, RungeKutta
@@ -85,12 +85,12 @@ def _check_precision(name: str, x, system, method) -> None:
         return
     if any(isinstance(field, Constrained) for field in fields_of(system)):
         require_double(name, x, "an lh.DAE")
-    require(x.dtype == jnp.float32, f"{name} is {x.dtype}: it must be float64, or float32. {CURE}")
+    require(x.dtype == jnp.float32, f"{name} is {x.dtype}: it must be float64, or float32. {cure(name)}")
     steps, kept = "", at_precision(method, x)
     if method is not None and method.adaptive and not traced(method) and kept.rtol > method.rtol:
         steps = f" Steps are controlled to rtol = {kept.rtol:.2g} and not {method.rtol:.2g}."
     warnings.warn(
-        f"{name} is float32: exponents will carry three to four digits, and events may be missed.{steps} {CURE}",
+        f"{name} is float32: exponents will carry three to four digits, and events may be missed.{steps} {cure(name)}",
         stacklevel=user_level(),
     )
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from .._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ..systems.daes.semi_linear import is_constrained
 
-__all__ = ["arm", "cubic", "hermite_root", "jets", "rates", "rounding", "to_arm", "turning_point"]
+__all__ = ["arm", "cubic", "errors_by", "hermite_root", "jets", "rates", "rounding", "to_arm", "turning_point"]
 
 ALGEBRAIC = 1e-12  # relative rounding of algebraic unknowns, which may be small differences of large terms
 
@@ -28,9 +28,9 @@ def rounding(guards, t, x):
     return _rounding_at(guards, t, x)(t, x)
 
 
-def sizes(guards, t, x):
-    """(slots,) the sum of the terms of each guard that depend on the state."""
-    return _rounding_at(guards, t, x)(jnp.zeros_like(t), x) / digits(GUARD_ROUNDING, x)
+def errors_by(guards, t, x, errors):
+    """(slots,) how far errors (n,) of the state's components may put each guard off."""
+    return jnp.sum(jnp.abs(jax.jacfwd(guards, argnums=1)(t, x) * errors[None, :]), axis=1)
 
 
 def _rounding_at(guards, t, x):

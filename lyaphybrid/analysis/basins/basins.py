@@ -241,6 +241,7 @@ class BasinRun(NamedTuple):
             positive("period", period)
         grid, axes = _starts(corners, *starts)
         problem, first, _, mode = preparation.prepare(system, grid[0], args, t0, method, mode)
+        preparation.warn_of_small_units(corners, problem.method)
         gap, transient = gap_and_transient(system, t1, period)
         free = period is None and not iterates(system)
         sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype, free)

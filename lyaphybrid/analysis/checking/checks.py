@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._arguments import Real, State, positive, require, require_values
 from ..._jax.engines import for_once
-from ..._jax.precision import CURE, is_short
+from ..._jax.precision import cure, is_short
 from ..._jax.tracing import as_jax
 from ...engine import preparation
 from ...engine.binding import evolver_of
@@ -126,7 +126,7 @@ def check(
 
 def _of_precision(x0) -> list[Finding]:
     if is_short(x0):
-        return [noted("precision", f"The state is {x0.dtype}: exponents carry three to four digits. {CURE}")]
+        return [noted("precision", f"The state is {x0.dtype}: exponents carry three to four digits. {cure('x0')}")]
     return [right("precision", "float64")]
 
 

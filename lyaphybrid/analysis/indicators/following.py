@@ -86,6 +86,7 @@ def follow(
     whole("blocks", blocks, least=2, each=1)
     attempts(max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    preparation.warn_of_small_units(x0, problem.method)
     n = x0.shape[-1]
     most = degrees_of_freedom(system, n)
     require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions: at most {most}.")

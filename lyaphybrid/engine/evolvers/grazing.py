@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from ..._jax.precision import nonzero
 from ...events.compiled_hybrid import by_mode
-from ...events.roots import sizes
+from ...events.roots import errors_by
 from ..states import Clock, StepState
 from .trials import ADVANCE, LAND, RootBracket, Trial, firing, interpolation_errors, trial_in
 
@@ -64,8 +64,9 @@ def _errors_of_guards(evolver, carry: StepState, clock: Clock, bend, wanted):
     hybrid, solver, method, t = evolver.hybrid, carry.solver_state, evolver.method, clock.base + carry.s
 
     def estimated():
-        terms = by_mode(solver.mode, [functools.partial(sizes, guards) for guards in hybrid.guards], t, carry.x)
-        given = method.atol + method.rtol * terms + solver.guard_tolerance
+        errors = method.atol + method.rtol * jnp.abs(carry.x)
+        by_state = [functools.partial(errors_by, guards) for guards in hybrid.guards]
+        given = by_mode(solver.mode, by_state, t, carry.x, errors) + solver.guard_tolerance
         if evolver.rejects or not method.sample_fractions:  # a map from point to point says nothing of g⁗
             return given
         trials = [trial_in(evolver, q) for q in range(hybrid.modes)]
