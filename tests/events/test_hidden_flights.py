@@ -74,3 +74,30 @@ def test_a_run_that_ends_before_its_transient_has_no_dimension():
     assert found.status.name == "zeno"
     assert np.all(np.isnan(found.exponents))
     assert np.isnan(found.kaplan_yorke_dimension())
+
+
+@pytest.mark.parametrize("t0", [0.0, 1e3, 1e5])
+def test_a_ball_that_chatters_on_a_moving_table_at_late_times(t0):
+    """The table's place is rounded to ε A ω t; flights as high as that rounding ended in a stall, beyond the table.
+
+    The instant at which impacts accumulate, the last flight and a geometric series, is by 50 digits of mpmath.
+    """
+    amplitude, w, r, weight = 0.0125, 50 * np.pi, 0.9, 9.81
+
+    def table(t):
+        return amplitude * jnp.sin(w * t), amplitude * w * jnp.cos(w * t)
+
+    def bounces(t, x, args):
+        return jnp.stack([x[0], -r * x[1] + (1 + r) * table(t)[1]])
+
+    system = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -weight]), lh.Transition(lambda t, x, args: x[0] - table(t)[0], bounces)
+    )
+    phase = 0.0202692365549
+    found = lh.trajectory(
+        system, [-0.0004284871662479755, -2.0424415234991384], t0=t0 + phase, t1=0.2, n=2, throw=False
+    )
+    assert found.status.name == "zeno"
+    times = np.asarray(found.events.t) - t0
+    end = times[-1] + (times[-1] - times[-2]) * r / (1 - r)
+    assert abs(end - 0.0350609836368568) < 1e-10 + 1e-11 * t0

@@ -194,9 +194,14 @@ def firing(evolver, solver: SolverState):
 
 
 def is_beyond(solver: SolverState, trial: Trial):
-    """(slots,) guards at or beyond zero at the end; one that starts at zero must be beyond it by more than rounding."""
-    after = solver.guard_sign * trial.g
-    return jnp.where(solver.g == 0, after < -solver.guard_tolerance, after <= 0)
+    """(slots,) guards at or beyond zero at the end; one that starts at zero must be beyond it by more than rounding.
+
+    Or have risen and fallen by more: a flight that hardly rises above the guard's rounding.
+    """
+    after, least = solver.guard_sign * trial.g, solver.guard_tolerance
+    rises, falls = (solver.guard_sign * trial.h * rate for rate in (solver.rate, trial.rate))
+    returns = (after <= 0) & (rises > least) & (falls < -least)
+    return jnp.where(solver.g == 0, (after < -least) | returns, after <= 0)
 
 
 def stays(evolver, solver: SolverState, trial: Trial) -> tuple[Any, Any]:
