@@ -30,10 +30,19 @@ from .blocks import COUNTED
 from .problems import RunProblem, mode_names
 
 SMALL_UNITS = 1e3  # a state below so many absolute tolerances is in units that are too small
-WANTED_ATOL = 1e-12  # part of the state that an absolute tolerance should be
+RELATIVE_ATOL = 1e-12  # part of the state that is advised as an absolute tolerance
 _NO_STATE = "The start, such as [1.0, 0.0], comes before args, the parameters, which may have names."
 
-__all__ = ["at_precision", "grown_columns", "method_for", "mode_index", "prepare"]
+__all__ = [
+    "RELATIVE_ATOL",
+    "SMALL_UNITS",
+    "at_precision",
+    "grown_columns",
+    "method_for",
+    "mode_index",
+    "prepare",
+    "warn_of_small_units",
+]
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunProblem, Any, Any, Any]:
@@ -105,7 +114,7 @@ def warn_of_small_units(x0, method) -> None:
         warnings.warn(
             f"x0 is at most {size:.1e} large, and atol allows errors of {allowed:.0e} in each step: results are "
             "wrong if the motion stays so small. Take larger units, or give "
-            f"method=lh.{type(method).__name__}(atol={size * WANTED_ATOL:.0e}).",
+            f"method=lh.{type(method).__name__}(atol={size * RELATIVE_ATOL:.0e}).",
             stacklevel=user_level(),
         )
 

@@ -35,3 +35,9 @@ def test_what_is_told_helps():
 def test_zero_and_usual_starts_are_not_told():
     for start in (0.0, 1e-8, 1.0):
         lh.lyapunov_spectrum(charge(1.0), [start], t1=2.0)
+
+
+def test_a_check_blames_no_function_where_nothing_is_resolved():
+    report = lh.check(charge(1e-13), [1e-14])
+    assert report.ok
+    assert any("atol allows errors" in note.text for note in report.notes)

@@ -248,6 +248,7 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -
         or x0.ndim != 1
         or is_short(x0)
         or any(isinstance(field, Constrained) for field in fields_of(system))
+        or not motion.is_resolved(run, problem.method)
     ):
         return []
 

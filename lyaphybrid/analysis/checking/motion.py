@@ -8,13 +8,14 @@ import numpy as np
 
 from ...engine.host.driver import rates_at
 from ...engine.host.paces import Rates, at_stability_limit, may_be_stiff
+from ...engine.preparation import RELATIVE_ATOL, SMALL_UNITS
 from ...engine.problems import RunProblem
 from ...integrators.base import Method
 from ...statuses import STIFF_REMEDY
 from ..trajectories import TangentMap, Trajectory
 from .report import Finding, in_short, noted, right, wrong
 
-__all__ = ["check_along_flow", "check_differences", "check_stiffness", "check_tolerance", "moderate"]
+__all__ = ["check_along_flow", "check_differences", "check_stiffness", "check_tolerance", "is_resolved", "moderate"]
 
 LARGEST = 1e4  # growth, and decay, of perturbations up to which differences of trajectories tell something
 SHORTENED = 6  # so often a stretch is made shorter
@@ -24,7 +25,7 @@ MATRIX_ERROR = 1e-3  # a matrix is wrong if it differs from differences by more 
 STRETCHES, ATTEMPTS_PER_STRETCH = 8, 4000  # of a run that goes on to where a flow may be stiff
 FEW_COMPONENTS, LEAST_ATTEMPTS = 4, 400  # dimension up to which a stretch is so long; of more it shrinks
 ATTEMPTS_FOR_STEP = 100  # whose mean is the length of a step at a place
-COARSE, RELATIVE_ATOL = 1e-5, 1e-12  # an absolute tolerance is coarse above this part of a component; what is advised
+COARSE = 1e-5  # an absolute tolerance is coarse above this part of a component
 FINER = 1e-2  # the tolerances of the run that is compared with
 
 
@@ -118,13 +119,23 @@ def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact
     return [right("tolerance", said)]
 
 
-def check_absolute_tolerance(run: Trajectory, method) -> list[Finding]:
-    """Whether components are so small that the absolute tolerance of a method is no small part of them."""
-    if not isinstance(method, Method) or not method.adaptive or not hasattr(method, "atol"):
-        return []
+def is_resolved(run: Trajectory, method) -> bool:
+    """Whether the absolute tolerance of a method is less than some component, so that differences tell something."""
+    sizes, allowed = _sizes_and_tolerances(run, method)
+    return not np.any(sizes > 0) or bool(np.any(sizes > SMALL_UNITS * allowed))
+
+
+def _sizes_and_tolerances(run: Trajectory, method) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) the largest values of the components, and the absolute errors that a method allows them; 0: any."""
     x = np.reshape(np.asarray(run.x), (len(run.t), -1))
     sizes = np.max(np.abs(x[np.all(np.isfinite(x), axis=1)]), axis=0, initial=0.0)
-    allowed = np.broadcast_to(np.asarray(method.atol, float), sizes.shape)
+    limited = isinstance(method, Method) and method.adaptive and hasattr(method, "atol")
+    return sizes, np.broadcast_to(np.asarray(method.atol if limited else 0.0, float), sizes.shape)
+
+
+def check_absolute_tolerance(run: Trajectory, method) -> list[Finding]:
+    """Whether components are so small that the absolute tolerance of a method is no small part of them."""
+    sizes, allowed = _sizes_and_tolerances(run, method)
     coarse = np.flatnonzero((sizes > 0) & (allowed > COARSE * sizes))
     if not len(coarse):
         return []
