@@ -42,6 +42,7 @@ SCALES = 4.0 ** np.arange(-6, 9)  # windows of the search, in units of the given
 LARGEST_DISTANCE = 0.1  # largest `_distance` of values a period apart
 SHARES = np.linspace(-1, 1, 33)  # trial periods within a bracket
 MULTIPLES = 4.0 ** np.arange(11)  # numbers of periods for the refinement
+PRIMES = (2, 3, 5, 7, 11, 13)
 COLUMNS = 16  # largest number of values that are compared through a window
 MINIMA = 20  # largest number of minima that are tried in a window
 
@@ -136,8 +137,16 @@ def seeming_period(system: Any, period: float, x, args, t: float) -> float | Non
         for k in 2 + np.flatnonzero(least)[:MINIMA]:
             own = float(k) if discrete else _refined(system, k * step, step, x, args, t)
             if own is not None and _misfit(system, own, x, args, t) is None:
-                return own
+                return _least(own, lambda part: _misfit(system, part, x, args, t) is None, discrete)
     return None
+
+
+def _least(period: float, repeats: Callable[[float], bool], discrete: bool) -> float:
+    """The least of the fractions of a period after which all repeats: several clocks are found at a multiple."""
+    for prime in PRIMES:
+        while (not discrete or period % prime == 0) and repeats(period / prime):
+            period /= prime
+    return period
 
 
 def _refined(system, period: float, bracket: float, x, args, t: float) -> float | None:

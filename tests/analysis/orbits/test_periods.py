@@ -233,3 +233,16 @@ def test_a_period_given_where_energy_is_conserved():
     np.testing.assert_allclose(4 * scipy.special.ellipk(np.sin(amplitude / 2) ** 2), 7.0, rtol=1e-6)
     assert lh.floquet(oscillator, [1.0, 0.0], period=2 * np.pi).family == 1
     assert lh.floquet(pendulum, [0.0, 0.0], period=7.0).stability == "elliptic"  # at rest nothing is shifted
+
+
+@pytest.mark.parametrize("period", [1.0, 3.0, 0.77])
+def test_the_period_named_for_two_clocks_is_their_least(period):
+    system = lh.Hybrid(
+        lambda t, x, args: -x,
+        [
+            lh.Transition(every=1.0, reset=lambda t, x, args: x + 1),
+            lh.Transition(every=0.77, reset=lambda t, x, args: 0.9 * x),
+        ],
+    )
+    with pytest.raises(ValueError, match="after 77: give that"):
+        lh.floquet(system, [1.0], period=period)
