@@ -228,7 +228,8 @@ def test_a_period_given_where_energy_is_conserved():
     pendulum = lh.Flow(lambda t, x, args: jnp.stack([x[1], -jnp.sin(x[0])]))
     oscillator = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]))
     swing = lh.floquet(pendulum, [1.0, 0.0], period=7.0)
-    assert (swing.family, swing.stability) == (0, "neutral")
+    assert swing.family == 0
+    assert swing.stability in ("neutral", "elliptic")  # a double multiplier 1, known to √ε
     amplitude = np.max(np.abs(lh.trajectory(pendulum, swing.x0, t1=7.0, n=4001).x[:, 0]))
     np.testing.assert_allclose(4 * scipy.special.ellipk(np.sin(amplitude / 2) ** 2), 7.0, rtol=1e-6)
     assert lh.floquet(oscillator, [1.0, 0.0], period=2 * np.pi).family == 1
