@@ -36,7 +36,7 @@ def test_rates_and_jets():
 def test_rounding_of_guards():
     unit = GUARD_ROUNDING
     assert_allclose(roots.rounding(guards, T, X), [unit * (18 + 2), unit * (12 + 10 + 10)], rtol=1e-14)
-    assert_allclose(roots.sizes(guards, T, X), [2, 20], rtol=1e-14)
+    assert_allclose(roots.errors_by(guards, T, X, jnp.abs(X)), [2, 20], rtol=1e-14)
     h = jnp.array(0.5)
     *jets, tolerance, of_step = roots.to_arm(guards, field, T, X, h)
     assert_array_equal(jets, [[11, -22], [1, 23], [3, -3]])
