@@ -113,8 +113,8 @@ def warn_of_small_units(x0, method) -> None:
     if 0 < size < SMALL_UNITS * allowed:
         warnings.warn(
             f"x0 is at most {size:.1e} large, and atol allows errors of {allowed:.0e} in each step: results are "
-            "wrong if the motion stays so small. Take larger units, or give "
-            f"method=lh.{type(method).__name__}(atol={size * RELATIVE_ATOL:.0e}).",
+            "wrong if the motion stays so small. Take larger units, or a method with a smaller tolerance, such as "
+            f"lh.RungeKutta(atol={size * RELATIVE_ATOL:.0e}).",
             stacklevel=user_level(),
         )
 

@@ -20,7 +20,7 @@ def charge(u):
 
 @pytest.mark.parametrize("verb", [lh.lyapunov_spectrum, lh.trajectory])
 def test_a_start_below_the_tolerance_is_told(verb):
-    with pytest.warns(UserWarning, match=r"at most 1.0e-13 large.*lh.RungeKutta\(atol=1e-25\)"):
+    with pytest.warns(UserWarning, match=r"at most 1.0e-13 large.*such as lh.RungeKutta\(atol=1e-25\)"):
         verb(charge(1e-12), [1e-13], t1=2.0)
 
 

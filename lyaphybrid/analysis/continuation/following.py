@@ -291,7 +291,7 @@ def advanced(equations: BranchEquations, last: BranchPoint, length: float, over)
     None, too, where it is no motion of the system: beyond a guard that an event has left by a node, and never fires.
     """
     after = stepped(equations, last, length)
-    if after is None or _guards_passed(equations, after) - _guards_passed(equations, last):
+    if after is None or _has_left_an_event(equations, last, after):
         return None
     bound = float(np.clip(after.parameter, *over))
     if bound == after.parameter:
@@ -303,8 +303,12 @@ def advanced(equations: BranchEquations, last: BranchPoint, length: float, over)
     return None if onto is None else onto._replace(tangent=tangent(onto.jacobian, last.tangent), parameter=bound)
 
 
-def _guards_passed(equations: BranchEquations, point: BranchPoint) -> set[tuple[int, int]]:
-    return guards_passed(equations.motion(point.parameter), point.orbit.pieces)
+def _has_left_an_event(equations: BranchEquations, last: BranchPoint, after: BranchPoint) -> bool:
+    """Whether an event has left by a node, so that the motion is beyond a guard that never fires."""
+    if cycle_of_events(last.orbit) == cycle_of_events(after.orbit):
+        return False
+    passed, before = (guards_passed(equations.motion(one.parameter), one.orbit.pieces) for one in (after, last))
+    return bool(passed - before)
 
 
 def _between(

@@ -29,6 +29,7 @@ __all__ = [
 INTERPOLATION_OFFSETS = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
 SAME_POINT = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
 BORDER = "border collision"
+DIVERGES = 1e3  # size of scaled derivatives from which on they seem to diverge, as those of √x at 0
 OTHER_PIECE = 0.01  # relative change of the equations' derivative across a kink, at least
 ON_CIRCLE = 1e-9  # |μ_i μ_j − 1| of pairs that stay on the unit circle, as conservative ones do: its sign is rounding
 ROOT = 1e-2  # of the test's values at both ends: a larger value at the root means a jump, not a root
@@ -156,8 +157,9 @@ def _at_a_kink(
 
 
 def is_kink(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether the equations of a map have other derivatives here and a tiny step on."""
-    return bool(np.linalg.norm(one - other) > OTHER_PIECE * max(1.0, np.linalg.norm(one)))
+    """Whether the equations of a map have other derivatives here and a tiny step on, and none that diverges."""
+    size = max(1.0, np.linalg.norm(one), np.linalg.norm(other))
+    return bool(size < DIVERGES and np.linalg.norm(one - other) > OTHER_PIECE * size)
 
 
 def _from_sign_change(equations: BranchEquations, kind: str, point: BranchPoint) -> LocatedPoint | None:
