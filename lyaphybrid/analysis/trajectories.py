@@ -390,6 +390,7 @@ def tangent_map(
     preparation.grown_columns("tangent_map", method)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
+    preparation.warn_of_small_units(x0, problem.method)
     check_counts(system, t1=t1)
     plan = problems.RunPlan(moving_end=isinstance(system, Hybrid) and any(one.terminal for one in system.transitions))
     loop_state = driver.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)

@@ -20,7 +20,7 @@ MARKS = {
     "Hopf": ("*", COLOURS[5]),
     "boundary equilibrium": ("P", COLOURS[5]),
     "grazing": ("X", None),  # in ink
-    "border collision": ("X", None),
+    "border collision": ("h", None),
 }
 CURVE_STYLES = {
     "fold": (COLOURS[1], "-"),

@@ -18,7 +18,7 @@ def charge(u):
     )
 
 
-@pytest.mark.parametrize("verb", [lh.lyapunov_spectrum, lh.trajectory])
+@pytest.mark.parametrize("verb", [lh.lyapunov_spectrum, lh.trajectory, lh.tangent_map])
 def test_a_start_below_the_tolerance_is_told(verb):
     with pytest.warns(UserWarning, match=r"at most 1.0e-13 large.*such as lh.RungeKutta\(atol=1e-25\)"):
         verb(charge(1e-12), [1e-13], t1=2.0)

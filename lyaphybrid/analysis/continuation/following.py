@@ -144,11 +144,18 @@ def follow(
             return Arc(points, found, _interrupted(), length)
         if touch is None and behind is None:
             return Arc(points, found, end, length)
-        found.append(LocatedPoint("grazing" if touch else BORDER, nearest, None, 1))
+        if touch is not None or not _is_met(found, nearest, step):
+            found.append(LocatedPoint("grazing" if touch else BORDER, nearest, None, 1))
         if behind is None:
             return Arc(points, found, "grazing", length)
         points.append(behind)
         length = step / 4
+
+
+def _is_met(found: list[LocatedPoint], nearest: BranchPoint, step: float) -> bool:
+    """Whether the border that a branch has come to is the one that its last step crossed."""
+    last = found[-1] if found and found[-1].kind == BORDER else None
+    return last is not None and bool(np.linalg.norm(last.point.u - nearest.u) < BEHIND_A_CORNER * step)
 
 
 def _behind_a_corner(equations: BranchEquations, edge: BranchPoint, step: float, over) -> BranchPoint | None:

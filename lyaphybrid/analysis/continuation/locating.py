@@ -16,13 +16,13 @@ from .equations import BranchEquations, BranchPoint
 
 __all__ = [
     "BORDER",
-    "OTHER_PIECE",
     "LocatedPoint",
     "LostError",
     "OrbitChange",
     "between",
     "change_of",
     "crossings",
+    "is_kink",
     "root",
 ]
 

@@ -210,3 +210,14 @@ def test_no_curve_begins_at_a_border_without_its_function():
     found = lh.continuation(system, [-0.6, 0.2], -0.5, over={"args": (-1.0, 1.0)}, period=1)
     with pytest.raises(ValueError, match="border="):
         lh.bifurcation_curve(system, found.specials[0], {"a": 1.0, "b": 0.0}, over={"a": (0, 1), "b": (0, 1)}, period=1)
+
+
+@pytest.mark.parametrize("start", [1.8, 1.9])
+def test_the_border_of_a_cycle_is_one_point(start):
+    """The 3-cycle of the tent map r min(x, 1 − x) has a point on the kink at the golden ratio; a step comes over it."""
+    tent = lh.Map(lambda n, x, r: r * jnp.where(x < 0.5, x, 1 - x))
+    orbit = [start / (1 + start**3)]  # two points are below 1/2, one above
+    found = lh.continuation(tent, orbit, start, over={"args": (1.55, 2.0)}, period=3)
+    (special,) = found.specials
+    assert special.kind == "border collision"
+    assert abs(special.parameter - (1 + 5**0.5) / 2) < 1e-8
